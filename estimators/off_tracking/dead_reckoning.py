@@ -34,6 +34,7 @@ from estimators.off_tracking.parity import (
     GYRO_BIAS,
     GYRO_NOISE,
     SPEED_NOISE,
+    acceleration,
     integral,
     noise_level,
     turned_otherwise,
@@ -72,7 +73,7 @@ class Prior(NamedTuple):
 
 
 _MOST_FORGOTTEN = 300.0  # beyond it nothing is left, and exp(-x) must not vanish [-]
-_MOST = 4.0  # error of a sensor that the camera may ask for; the rest is slip, or the camera is wrong [its std]
+_MOST = 3.0  # error of a sensor that the camera may ask for; the rest is slip, or the camera is wrong [its std]
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
 _ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
@@ -101,6 +102,7 @@ _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two direct
 # each rad of slip by scrub beyond 9 mrad. That of a steered axle at its limit is several times as large on ice.
 _TURNED, _SCRUBS = (0.03, 0.05, 6.0), 0.009
 _LETS_GO, _SLIDES = 0.8, 0.12  # acceleration and slip from which on tyres slide by any angle, on ice [m/s2], [rad]
+_COASTING = 0.2  # acceleration along up to which driven and braked wheels roll freely, on ice [m/s2]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 _SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
@@ -185,20 +187,21 @@ class DeadReckoning:
         if len(recent) < _LATELY:
             return alike, math.inf
         aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
-        along = float(np.polyfit(recent[:, 0] * TICK, recent[:, 1], 1)[0])  # drive and brakes use the same grip
-        push, scrub = math.hypot(aside, along), abs(float(np.mean(recent[:, 3])))
+        push, scrub = (
+            math.hypot(aside, acceleration(recent)),
+            abs(float(np.mean(recent[:, 3]))),
+        )  # grip is used for both
         slides = push > _LETS_GO or max(abs(tractor), abs(own)) > _SLIDES
         usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
         return alike, math.inf if slides else usual
 
-    def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
-        """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
-        level = noise_level(history, self._unit)
-        if level == 1.0:
-            return np.zeros((3, 3))
-        by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        excess = 0.5 * (level**2 - 1.0)
-        return np.asarray(excess * (by_parameters + by_parameters.T), dtype=np.float64)
+    def stretched(self, parameters: Parameters, history: FloatArray) -> float:
+        """Share by which the camera's distances contradict wheels that roll freely; 0 if sound wheels may err so."""
+        scale, recent = abs(float(parameters.mean[_SCALE_OF])), history[-_LATELY:]
+        if scale < self._largest[_SCALE_OF] or len(recent) < _LATELY:
+            return 0.0
+        slip = max(abs(float(parameters.mean[_VARYING])), abs(float(parameters.mean[OWN])))
+        return scale if abs(acceleration(recent)) < _COASTING and slip < _SLIDES else 0.0
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""

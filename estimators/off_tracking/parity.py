@@ -84,6 +84,12 @@ def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     return np.insert(np.cumsum((0.5 * dt * (values[1:] + values[:-1]).T).T, axis=0), 0, 0.0, axis=0)
 
 
+def acceleration(rows: FloatArray) -> float:
+    """Acceleration along [m/s2] by the wheel speed of rows (n, columns): least squares."""
+    time = (rows[:, 0] - rows[:, 0].mean()) * TICK
+    return float(time @ rows[:, SPEED] / (time @ time)) if len(rows) > 1 else 0.0
+
+
 def turned_otherwise(rows: FloatArray, unit: int) -> FloatArray:
     """Articulations (n, unit) [rad] of rows, without their change by the difference of two yaw rates."""
     rates = np.diff(rows[:, FIRST + unit : FIRST + 2 * unit + 1], axis=1)
@@ -189,8 +195,7 @@ class ParityRelations:
             relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
             turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro])))
-            along = (recent[-1, SPEED] - recent[0, SPEED]) / max((recent[-1, 0] - recent[0, 0]) * TICK, TICK)
-            if math.hypot(reference.v_x * turning, along) <= _BEND and abs(mean[STEER]) < _PLOUGHING:
+            if math.hypot(reference.v_x * turning, acceleration(recent)) <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
         return Parity(relations, rolls=rolls)
 

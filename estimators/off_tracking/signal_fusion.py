@@ -179,6 +179,7 @@ _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
 _TURNED_FOR_LONG = 0.385  # allowed mean share of the limit; all but one of 197 sound drives had 4/5 of it at most [-]
 _SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
 _STILL_TURNED, _LEVEL = 0.25, 0.04  # such mean below which the doubt is over, where tyres explain no more than [rad]
+_STRETCHED, _STRETCHES = 0.009, 0.5  # such mean from which distances are in doubt [-], and lever of their errors [L]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
 # alike from motion to motion, those of the camera mostly not.
 _VAGUE = 5.0
@@ -208,6 +209,7 @@ class FusionMemory(NamedTuple):
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
     alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [share of its limit]
     turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
+    stretched: float = 0.0  # running mean of the share by which the camera's distances contradict free wheels
     correction: Correction | None = None  # of the off-tracking after the last bridge
 
 
@@ -261,8 +263,10 @@ class SignalFusion:
         if estimate is None:
             return memory, path, None
         is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
-        std = math.hypot(estimate.std, memory.turned * self._follow_distance)
-        health = Health.DEGRADED if is_turned and estimate.health is Health.OK else estimate.health
+        is_stretched, L = memory.stretched > _STRETCHED, self._follow_distance
+        std = math.hypot(estimate.std, memory.turned * L, is_stretched * memory.stretched * _STRETCHES * L)
+        in_doubt = (is_turned or is_stretched) and estimate.health is Health.OK
+        health = Health.DEGRADED if in_doubt else estimate.health
         estimate = replace(estimate, std=std, health=health, doubts=(*doubts, DIRECTION) if is_turned else doubts)
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
@@ -372,13 +376,20 @@ class SignalFusion:
         distance = test.reckoned.distance
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
+        share, stretched = (
+            min(1.0, distance / _TURNED_MEMORY),
+            self._reckoning.stretched(test.parameters, memory.history),
+        )
+        if stretched > 0.0:
+            stretched += abs(float(test.innovation[1])) / distance  # what the error of the wheels leaves
+        memory = memory._replace(stretched=memory.stretched + share * (stretched - memory.stretched))
         if memory.sudden:  # it is believed since it lasts
             alike, turned = math.copysign(1.0, test.direction), max(memory.turned, abs(test.direction))
             return memory._replace(alike=alike, turned=turned)
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         if math.isinf(usual):
             return memory
-        alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now / usual - memory.alike)
+        alike = memory.alike + share * (now / usual - memory.alike)
         size = max(abs(now), abs(alike) * usual)
         begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG
         is_turned = begins or (memory.turned > 0.0 and (abs(alike) > _STILL_TURNED or usual > _LEVEL))
@@ -396,7 +407,7 @@ class SignalFusion:
         by_faulty = reckoned.by_signals[:, faulty] * self._any_error[faulty]
         S += by_faulty @ by_faulty.T
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
-        expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned) + _ROCKING
+        expected = S + _ROCKING
         any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
         distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
         direction = float(innovation[2]) / distance
