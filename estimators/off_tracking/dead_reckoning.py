@@ -158,10 +158,8 @@ class DeadReckoning:
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
         self._mean, self._std, distances, times = np.array(priors).T
         self._per_metre, self._per_second = 1.0 / distances, 1.0 / times
-        self._largest = np.full(len(priors), np.inf)
-        self._largest[[_SCALE_OF, *range(_GYROS, len(priors))]] = _MOST * np.array(
-            [_SCALE.std, *[_GYRO_BIAS.std] * gyros]
-        )
+        of_sensors = np.isin(np.arange(len(priors)), [_SCALE_OF, *range(_GYROS, len(priors))])
+        self._largest = np.where(of_sensors, _MOST * self._std, np.inf)
 
     def prior(self) -> Parameters:
         """Parameters before anything is learnt."""
@@ -181,16 +179,13 @@ class DeadReckoning:
         The latter is infinite where tyres may slide by any angle.
         """
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
-        apart = abs(tractor - own)
-        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - apart), own)
+        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
         if len(recent) < _LATELY:
             return alike, math.inf
         aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
-        push, scrub = (
-            math.hypot(aside, acceleration(recent)),
-            abs(float(np.mean(recent[:, 3]))),
-        )  # grip is used for both
+        push = math.hypot(aside, acceleration(recent))  # drive and brakes use the same grip
+        scrub = abs(float(np.mean(recent[:, 3])))
         slides = push > _LETS_GO or max(abs(tractor), abs(own)) > _SLIDES
         usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
         return alike, math.inf if slides else usual

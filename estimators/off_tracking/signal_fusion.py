@@ -376,10 +376,8 @@ class SignalFusion:
         distance = test.reckoned.distance
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
-        share, stretched = (
-            min(1.0, distance / _TURNED_MEMORY),
-            self._reckoning.stretched(test.parameters, memory.history),
-        )
+        share = min(1.0, distance / _TURNED_MEMORY)
+        stretched = self._reckoning.stretched(test.parameters, memory.history)
         if stretched > 0.0:
             stretched += abs(float(test.innovation[1])) / distance  # what the error of the wheels leaves
         memory = memory._replace(stretched=memory.stretched + share * (stretched - memory.stretched))
