@@ -7,11 +7,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from vehicle.frames import FloatArray
 
 _LEAST_POINTS = 5  # two more than the coefficients of a parabola, to average the noise
+_SECANTS = 60  # five are usual
 _CLOSE = 1e-12  # [m]
 _SAME = 1e-9  # relative determinant without a parabola: rounding [-]
 _APART = 1e-6  # points closer together count as one: their distance is rounding [m]
@@ -72,13 +72,23 @@ def _interpolated(nodes: list[float], values: list[float], u: float) -> float:
 
 
 def _falls_to(nodes: list[float], values: list[float], value: float, low: float, high: float) -> float:
-    """Argument between ``low`` and ``high`` at which that polynomial falls to the value."""
+    """Argument between ``low`` and ``high`` at which that polynomial falls to the value, by secants: it is smooth.
 
-    def above(u: float) -> float:
-        return _interpolated(nodes, values, u) - value
-
-    falls = above(low) > 0.0 > above(high)  # or rounding hides it
-    return float(scipy.optimize.brentq(above, low, high, xtol=_CLOSE)) if falls else high
+    ``scipy.optimize`` takes 0.3 s to import: without cameras it would be in the first step of a run or an environment.
+    """
+    above, below = (_interpolated(nodes, values, u) - value for u in (low, high))
+    for _ in range(_SECANTS):
+        if above <= below:  # rounding
+            break
+        u = (low * below - high * above) / (below - above)
+        rest = _interpolated(nodes, values, u) - value
+        if abs(rest) < _CLOSE:
+            return u
+        if rest > 0.0:
+            low, above = u, rest
+        else:
+            high, below = u, rest
+    return high
 
 
 def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent:
