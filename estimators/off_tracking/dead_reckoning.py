@@ -73,7 +73,7 @@ class Prior(NamedTuple):
 
 
 _MOST_FORGOTTEN = 300.0  # beyond it nothing is left, and exp(-x) must not vanish [-]
-_MOST = 3.0  # error of a sensor that the camera may ask for; the rest is slip, or the camera is wrong [its std]
+_LARGEST_ERROR = 3.0  # of a sensor that the camera may ask for; the rest is slip, or the camera is wrong [its std]
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
 _ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
@@ -159,7 +159,7 @@ class DeadReckoning:
         self._mean, self._std, distances, times = np.array(priors).T
         self._per_metre, self._per_second = 1.0 / distances, 1.0 / times
         of_sensors = np.isin(np.arange(len(priors)), [_SCALE_OF, *range(_GYROS, len(priors))])
-        self._largest = np.where(of_sensors, _MOST * self._std, np.inf)
+        self._largest = np.where(of_sensors, _LARGEST_ERROR * self._std, np.inf)
 
     def prior(self) -> Parameters:
         """Parameters before anything is learnt."""

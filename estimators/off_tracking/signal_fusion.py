@@ -176,11 +176,11 @@ _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of
 _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
 _SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
-_TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
+_TURNED_MEMORY = 8.0  # distance of the running means of that angle and of the error of distances [m]
 _TURNED_FOR_LONG = 0.385  # allowed mean share of the limit; 416 of 419 sound drives stay below it [-]
 _SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
 _STILL_TURNED, _LEVEL = 0.25, 0.04  # such mean below which the doubt is over, where tyres explain no more than [rad]
-_STRETCHED, _STRETCHES = 0.009, 0.5  # such mean from which distances are in doubt [-], and lever of their errors [L]
+_STRETCHED, _LEVER = 0.009, 0.5  # mean error of distances from which they are in doubt [-], and its lever [L]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
 # alike from motion to motion, those of the camera mostly not.
 _VAGUE = 5.0
@@ -264,10 +264,10 @@ class SignalFusion:
         if estimate is None:
             return memory, path, None
         is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
-        is_stretched, L = memory.stretched > _STRETCHED, self._follow_distance
-        std = math.hypot(estimate.std, memory.turned * L, is_stretched * memory.stretched * _STRETCHES * L)
-        in_doubt = (is_turned or is_stretched) and estimate.health is Health.OK
-        health = Health.DEGRADED if in_doubt else estimate.health
+        stretched = memory.stretched if memory.stretched > _STRETCHED else 0.0
+        by_cameras = self._follow_distance * math.hypot(memory.turned, _LEVER * stretched)
+        std = math.hypot(estimate.std, by_cameras)
+        health = Health.DEGRADED if by_cameras > 0.0 and estimate.health is Health.OK else estimate.health
         estimate = replace(estimate, std=std, health=health, doubts=(*doubts, DIRECTION) if is_turned else doubts)
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
@@ -373,7 +373,7 @@ class SignalFusion:
         return self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test), motion
 
     def _doubted(self, memory: FusionMemory, test: Comparison) -> FusionMemory:
-        """Memory after a motion that is believed, with the angle by which the camera may be turned."""
+        """Memory after a motion that is believed, with what may be wrong of the camera's direction and distances."""
         distance = test.reckoned.distance
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
@@ -385,7 +385,7 @@ class SignalFusion:
         if memory.sudden:  # it is believed since it lasts
             alike, turned = math.copysign(1.0, test.direction), max(memory.turned, abs(test.direction))
             return memory._replace(alike=alike, turned=turned)
-        now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
+        now, usual = self._reckoning.turned(test.parameters, memory.history)
         if math.isinf(usual):
             return memory
         alike = memory.alike + share * (now / usual - memory.alike)
