@@ -243,8 +243,7 @@ class EstimateGuard:
         last, difference = np.array(memory.demand), np.array(memory.difference)
         fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
         if not memory.law_steers:
-            is_made = self._monitor.makes_angle(memory.monitor)
-            fallback, wanted = self._fallback.steered(fallback, tick, signals, last, is_made)
+            fallback, wanted = self._fallback.steered(fallback, tick, signals, last)
         if tick == memory.changed_at:
             difference = last - wanted
         elif any(memory.difference):

@@ -30,8 +30,9 @@ Tyre slip is not modelled. On a slippery or cambered road the heading error grow
 steady off-tracking of about follow distance times slip over gain remains: the known weakness of the scheme.
 
 Dead reckoning keeps the rear on the path of the hitch, where command steer lets it swing out at the entry of a turn and
-cut in at its exit. It needs sensors that agree with each other. Where an articulation does not change by the difference
-of two yaw rates, or a wheel speed repeats itself, command steer takes over: it errs, but its error does not grow.
+cut in at its exit. It needs sensors that agree with each other: those at fault are corrected before
+(``estimators.off_tracking.signal_monitor``). After a gap in the signals command steer takes over until the path is as
+long as the trailer again: it errs, but its error does not grow.
 
 Wheel speed, angles and gyros give the motion of the hitch, with slip by the data sheet of the combination. While there
 are estimates, they replace the path that is reckoned, and show what the data sheet does not know: slip on a cross-fall,
@@ -40,9 +41,7 @@ Only the last follow distance of it counts, so that errors do not grow for ever.
 """
 
 import math
-from bisect import bisect_left
 from dataclasses import replace
-from operator import itemgetter
 from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
@@ -66,7 +65,6 @@ from controllers.trailer_steering.path_laws import PathLawMemory, VirtualDriver
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_motion import HitchMotion
 from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray, arc_length
@@ -348,10 +346,8 @@ FallbackName = Literal["dead_reckoning", "command_steer", "straight"]
 
 # Command steer shortens the wheelbase, which destabilises a trailer at speed; systems in use lock there.
 _SPEEDS: Final = LowSpeedParameters().speeds
-_COMPARED: Final = 2000  # signals that are tested against each other [ticks]
 _GAP: Final = 0.3  # without signals, after which the path is unknown [s]
 _CHANGE_TIME: Final = 2.0  # between dead reckoning and command steer [s]
-_TICK: Final = itemgetter(0)  # of a row
 _UNLIMITED: Final = 1e3  # rate of the laws here; the guard limits it for all of them [rad/s]
 
 
@@ -359,8 +355,7 @@ class FallbackMemory(NamedTuple):
     """State of the fallback between two steps."""
 
     reckoning: ReckonedDriverMemory
-    rows: tuple[tuple[float, ...], ...] = ()  # signals of the last seconds in the order of `DeadReckoning.row`
-    doubted: float = 0.0  # distance until the reckoned path is made of signals that agree [m]
+    unknown: float = 0.0  # distance until the reckoned path is as long as is needed [m]
     steered_at: int | None = None  # last step of steering [ticks]
     share: float = 1.0  # of dead reckoning against command steer
 
@@ -373,7 +368,7 @@ class Fallback:
         free = replace(trailer, max_steer_rate=_UNLIMITED)
         if combination.unit == 0 and name == "dead_reckoning":  # without a hitch the signals do not check each other
             name = "command_steer"
-        self._trailer, self._unit, self._name = trailer, combination.unit, name
+        self._trailer, self._name = trailer, name
         self._reckoning = ReckonedDriver(free, combination)
         self._command_steer = CommandSteer(free, combination=combination)
 
@@ -390,36 +385,32 @@ class Fallback:
         before, length = memory.reckoning.tick, self._trailer.follow_distance
         elapsed = elapsed_since(before, tick)
         reckoning = self._reckoning.reckoned(memory.reckoning, tick, estimate, signals)
-        doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
+        unknown = length if elapsed > _GAP else max(0.0, memory.unknown - abs(signals.speed) * elapsed)
         if reckoning.estimate is not memory.reckoning.estimate:
-            doubted = 0.0
-        kept = memory.rows[bisect_left(memory.rows, tick - _COMPARED, key=_TICK) :]
-        rows = (*kept, _row(signals, self._unit))
-        return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
+            unknown = 0.0
+        return memory._replace(reckoning=reckoning, unknown=unknown)
 
     def steered(
-        self, memory: FallbackMemory, tick: int, signals: CombinationSignals, last: FloatArray, is_made: bool = False
+        self, memory: FallbackMemory, tick: int, signals: CombinationSignals, last: FloatArray
     ) -> tuple[FallbackMemory, FloatArray]:
         """New memory and angles (n_steered,) [rad], not limited in rate; straight if a signal is not finite.
 
-        ``last`` are the angles demanded so far; an angle that is made of other signals is not tested by them.
+        ``last`` are the angles demanded so far.
         """
         if self._name == "straight" or not _are_finite(signals):
             return memory, np.zeros(len(last))
         _, command = self._command_steer.step(CommandSteerMemory(tick - 1, tuple(last.tolist())), tick, None, signals)
         angles = command.angles
         if self._name == "dead_reckoning":
-            memory = self._with_share(memory, tick, is_made)
+            memory = self._with_share(memory, tick)
             reckoning, by_path = self._reckoning.steered(memory.reckoning, tick, signals, last)
             memory = memory._replace(reckoning=reckoning)
             angles = memory.share * by_path + (1.0 - memory.share) * angles
         return memory, _SPEEDS.share(signals.speed) * angles
 
-    def _with_share(self, memory: FallbackMemory, tick: int, is_made: bool) -> FallbackMemory:
-        """Memory after a test of the signals; on the way between dead reckoning and command steer."""
-        if not agree(np.array(memory.rows), self._unit, is_made=is_made):
-            memory = memory._replace(doubted=self._trailer.follow_distance)
-        wanted = 0.0 if memory.doubted > 0.0 else 1.0
+    def _with_share(self, memory: FallbackMemory, tick: int) -> FallbackMemory:
+        """Memory on the way between dead reckoning and command steer."""
+        wanted = 0.0 if memory.unknown > 0.0 else 1.0
         pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK
         step = 1.0 if pause > _GAP else pause / _CHANGE_TIME
         share = memory.share + max(-step, min(step, wanted - memory.share))
@@ -429,8 +420,3 @@ class Fallback:
 def _are_finite(signals: CombinationSignals) -> bool:
     read = (signals.speed, *signals.articulation.tolist(), *signals.yaw_rates.tolist(), *signals.angles.tolist())
     return all(map(math.isfinite, read))
-
-
-def _row(signals: CombinationSignals, unit: int) -> tuple[float, ...]:
-    ahead, rates = signals.articulation[:unit].tolist(), signals.yaw_rates[: unit + 1].tolist()
-    return (signals.tick, signals.speed, signals.steer, 0.0, *ahead, *rates)

@@ -48,7 +48,8 @@ from vehicle.frames import FloatArray
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
-_AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
+# Mean speed over five samples at 50 Hz below which the vehicle stands, 3 sigma of their noise [m/s], and that time.
+_AT_REST, _LOOK = 0.03, 100  # [ticks]
 _MEAN_OF = 5  # samples
 _BANK = -1  # column of the bank's pull
 _LATELY = 25  # samples of the last half second
@@ -173,30 +174,24 @@ class DeadReckoning:
         most = noise_level(history, self._unit) * self._largest
         return parameters._replace(mean=np.clip(parameters.mean, self._mean - most, self._mean + most))
 
-    def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
-        """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad].
+    def contradictions(self, parameters: Parameters, history: FloatArray) -> tuple[float, float, float]:
+        """What the camera contradicts: directions, by an angle, what tyres explain of it [rad], and distances.
 
-        The latter is infinite where tyres may slide by any angle.
+        Directions count where those by the axles of both units are wrong alike; tyres explain an infinite angle where
+        they may slide by any. Distances count by their share where wheels roll freely and can not err so.
         """
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
-        recent = history[-_LATELY:]
-        if len(recent) < _LATELY:
-            return alike, math.inf
+        recent, slides = history[-_LATELY:], max(abs(tractor), abs(own)) > _SLIDES
+        if len(recent) < _LATELY or slides:
+            return alike, math.inf, 0.0
+        along, scale = acceleration(recent), abs(float(parameters.mean[_SCALE_OF]))
+        stretched = scale if abs(along) < _COASTING and scale >= self._largest[_SCALE_OF] else 0.0
         aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
-        push = math.hypot(aside, acceleration(recent))  # drive and brakes use the same grip
+        push = math.hypot(aside, along)  # drive and brakes use the same grip
         scrub = abs(float(np.mean(recent[:, 3])))
-        slides = push > _LETS_GO or max(abs(tractor), abs(own)) > _SLIDES
         usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
-        return alike, math.inf if slides else usual
-
-    def stretched(self, parameters: Parameters, history: FloatArray) -> float:
-        """Share by which the camera's distances contradict wheels that roll freely; 0 if sound wheels may err so."""
-        scale, recent = abs(float(parameters.mean[_SCALE_OF])), history[-_LATELY:]
-        if scale < self._largest[_SCALE_OF] or len(recent) < _LATELY:
-            return 0.0
-        slip = max(abs(float(parameters.mean[_VARYING])), abs(float(parameters.mean[OWN])))
-        return scale if abs(acceleration(recent)) < _COASTING and slip < _SLIDES else 0.0
+        return alike, math.inf if push > _LETS_GO else usual, stretched
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
@@ -225,11 +220,11 @@ class DeadReckoning:
         """
         begin, longer, end = np.searchsorted(history[:, 0], [since - _MARGIN, since - _SWAY, until + _MARGIN]).tolist()
         ticks, table = history[begin:end, 0], history[begin:end, 1:]
-        bank = _mean_before(history[longer:end, 0], history[longer:end, _BANK])[begin - longer :]
+        bank = _mean_before(history[longer:end, 0], history[longer:end, _BANK], _SWAY)[begin - longer :]
         nodes = np.concatenate([[since], ticks[(ticks > since) & (ticks < until)], [until]])
         if not _are_covered(nodes, ticks):
             return None
-        at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
+        at_rest = np.abs(_mean_before(ticks, table[:, 0], _LOOK)) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
         before = np.interp(ticks - _MARGIN, ticks, table[:, 0])
         gained = (np.abs(table[:, 0]) - np.abs(before)) / (_MARGIN * TICK)  # below 0 if the wheels slow down [m/s2]
@@ -317,9 +312,8 @@ class DeadReckoning:
         rolling_direction = np.arctan(rolling + self._axle_distance * gyros[unit] * per_speed)
         own_slip = np.arctan(v_y * per_speed) - rolling_direction - np.sign(v_x) * self._own_push * push
         per_rate = self._axle_distance * per_speed
-        spread[:, OWN] += _OWN_SPREAD * np.abs(push)
         spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
-        spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
+        spread[:, OWN] += _OWN_SPREAD * np.abs(push) + _TORQUE_SPREAD * np.maximum(-gained, 0.0)
         if by_trailer:
             apart = np.where(is_known, own_slip - own, 0.0)
             variance = kept**2 * np.diag(parameters.covariance) + (1.0 - kept**2) * spread**2
@@ -418,19 +412,13 @@ def _away_from_zero(speed: FloatArray) -> FloatArray:
     return np.copysign(np.maximum(np.abs(speed), _ROLLING), speed)
 
 
-def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
-    """Mean (n,) over the time `_SWAY` up to each sample; less than that is made up for by zeros."""
+def _mean_before(ticks: FloatArray, values: FloatArray, span: int) -> FloatArray:
+    """Mean (n,) over a ``span`` [ticks] up to each sample; less than that is made up for by zeros."""
     sums = np.insert(np.cumsum(values), 0, 0.0)
-    first = np.searchsorted(ticks, ticks - _SWAY, side="right")
+    first = np.searchsorted(ticks, ticks - span, side="right")
     count = np.arange(1, len(ticks) + 1) - first
-    period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY
-    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, _SWAY / period), dtype=np.float64)
-
-
-def _running_mean(values: FloatArray) -> FloatArray:
-    """Mean of the last samples up to each one, of fewer at the beginning."""
-    sums = np.convolve(values, np.ones(_MEAN_OF))[: len(values)]
-    return np.asarray(sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF), dtype=np.float64)
+    period = np.diff(ticks).mean() if len(ticks) > 1 else span
+    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, span / period), dtype=np.float64)
 
 
 def _are_covered(nodes: FloatArray, ticks: FloatArray) -> bool:

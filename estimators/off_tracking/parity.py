@@ -35,48 +35,23 @@ GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]
 
 SPEED, STEER, FIRST = 1, 2, 4  # columns of the speed, the steer angle and the first articulation
-_VISIBLE = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
-_LEVEL_OF = 50  # samples that the noise is measured from: to 10 %
+_LEVEL_OF, _LEAST = 50, 15  # samples that the noise is measured from: to 10 %, and to 20 %
 _NOISIER = 1.5  # noise above which the assumed one is replaced by the measured one [its standard deviations]
-_COMPARED = 2000  # time over which signals are compared with each other [ticks]
-_STUCK = 5.0  # difference of signals that contradict each other [standard deviations]
 
 
-def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float:
+def noise_level(history: FloatArray, unit: int) -> float:
     """White noise of articulations and gyros over the assumed one; 1 if it is about that or less.
 
     From second differences of the newest rows of ``history`` (n, columns): motion hardly has any within 40 ms. It is 1
-    with less than so many rows.
+    with few rows.
     """
     recent = history[-_LEVEL_OF:, FIRST : FIRST + 2 * unit + 1]
-    if len(recent) < least:
+    if len(recent) < _LEAST:
         return 1.0
-    measured = _white_noise(recent).tolist()
+    measured = white_noise(recent).tolist()
     assumed = [ARTICULATION_NOISE] * unit + [GYRO_NOISE] * (unit + 1)
     level = sorted(one / usual for one, usual in zip(measured, assumed, strict=True))[unit]  # the median
     return level if level > _NOISIER else 1.0
-
-
-def agree(history: FloatArray, unit: int, *, is_made: bool = False) -> bool:
-    """Test the signals of ``history`` (n, columns): articulations change by the difference of two yaw rates.
-
-    A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
-    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not 0
-    while nothing turns: real wheels that stand read exactly 0. Signals that are made of each other are not tested.
-    """
-    if is_made or len(history) < 2:
-        return True
-    gyros, newest = slice(FIRST + unit, FIRST + 2 * unit + 1), history[-_LEVEL_OF:]
-    stands = newest[-1, SPEED] == 0.0 and float(np.abs(newest[:, gyros].mean(axis=0)).max()) < _STUCK * GYRO_BIAS
-    repeats = not stands and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
-    if repeats and np.median(_white_noise(newest[:, gyros])) > _VISIBLE * GYRO_NOISE:
-        return False
-    recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
-    time, rest = recent[:, 0] * TICK, turned_otherwise(recent, unit)
-    drifted = GYRO_BIAS * float(time[-1] - time[0])
-    std = math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
-    limit = _STUCK * std * noise_level(history, unit)
-    return bool(np.all(np.abs(rest[-1] - rest[0]) < limit))
 
 
 def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
@@ -96,7 +71,7 @@ def turned_otherwise(rows: FloatArray, unit: int) -> FloatArray:
     return np.unwrap(rows[:, FIRST : FIRST + unit], axis=0) + integral(np.diff(rows[:, 0] * TICK), rates)
 
 
-def _white_noise(columns: FloatArray) -> FloatArray:
+def white_noise(columns: FloatArray) -> FloatArray:
     """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
     variance = np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0  # 1 + 4 + 1
     return np.asarray(np.sqrt(variance), dtype=np.float64)

@@ -92,26 +92,24 @@ def rested(
 
 
 def _without_reversed(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:
-    """Samples without those of the path that are ahead of the newest after reversing.
+    """Samples without those of the path that are ahead of the newest after reversing, across their lateral lines.
 
     The ``keyframe`` (a tick) that later motions are measured from only leaves the path. If only the last but one is
     ahead, that may be noise, and the path does not count as cut.
     """
-    place, passed, cut = 1, 0, False
-    while place < len(samples) and (not samples[place].on_path or _is_behind(samples[0], samples[place])):
-        cut |= samples[place].on_path and (passed > 0 or samples[place].joined)
-        passed += samples[place].on_path
-        if samples[place].tick == keyframe:
-            samples = (*samples[:place], samples[place]._replace(on_path=False), *samples[place + 1 :])
+    hitch, place, passed, cut = samples[0].X_OS[:3, 3], 1, 0, False
+    while place < len(samples):
+        other = samples[place]
+        if other.on_path and float((hitch - other.X_OS[:3, 3]) @ other.X_OS[:3, 0]) >= 0.0:
+            break
+        cut |= other.on_path and (passed > 0 or other.joined)
+        passed += other.on_path
+        if other.tick == keyframe:
+            samples = (*samples[:place], other._replace(on_path=False), *samples[place + 1 :])
             place += 1
         else:
             samples = _without(samples, place)
     return (samples[0]._replace(joined=True), *samples[1:]) if cut else samples
-
-
-def _is_behind(sample: Sample, other: Sample) -> bool:
-    """True if the hitch of one sample is behind the lateral line through the other."""
-    return float((sample.X_OS[:3, 3] - other.X_OS[:3, 3]) @ other.X_OS[:3, 0]) < 0.0
 
 
 def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:

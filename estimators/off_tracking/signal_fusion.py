@@ -16,9 +16,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   ever: parameters that change are forgotten over the distance.
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
-- Signals that contradict each other are not used; the camera is then alone. What depends on a single signal at fault
-  (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged with its corrected value, and what
-  was bridged before it was found is reckoned again.
+- What depends on a signal at fault (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged
+  with its corrected value, and what was bridged before it was found is reckoned again.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large no motion is believed.
   Errors of sensors are learnt up to what they may be. Where wheels roll freely and the camera asks for more, its
   distances are in doubt: the estimate is degraded, and they count as an error of the path.
@@ -36,7 +35,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking import pose_chain
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
-from estimators.off_tracking.parity import MotionReference, agree
+from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import STEER_ANGLE, MonitorMemory, SignalMonitor
 from estimators.rigid_motion import PLANAR, continued, planar_covariance, planar_pose, spatial_covariance, with_planar
 from sensors.messages import CombinationSignals
@@ -59,7 +58,6 @@ class Comparison(NamedTuple):
     score: float  # chi-square, 3 degrees of freedom
     score_beyond: float  # the same if tyres may slip by any angle
     direction: float  # of travel by the camera less that by dead reckoning [rad]
-    is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
     parameters: Parameters  # at the end of the motion, if it is believed
 
 
@@ -90,15 +88,6 @@ def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
     covariance, common = spatial_covariance(planar, np.diag(np.diag(motion.covariance))), motion.common.copy()
     common[PLANAR] = gain @ common[PLANAR]
     return replace(motion, X_PC=X_PC, covariance=covariance, common=common, health=Health.DEGRADED, anchor=None)
-
-
-def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
-    """The motion, degraded, with its covariances multiplied by the misfit."""
-    anchor, by = motion.anchor, math.sqrt(misfit)
-    if anchor is not None:
-        anchor = replace(anchor, covariance=misfit * anchor.covariance, common=by * anchor.common)
-    covariance, common = misfit * motion.covariance, by * motion.common
-    return replace(motion, covariance=covariance, common=common, health=Health.DEGRADED, anchor=anchor)
 
 
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
@@ -154,10 +143,8 @@ def blended(estimate: OffTracking, correction: Correction | None, follow_distanc
 
     What is held back is an error, and adds to the standard deviation.
     """
-    if correction is None or estimate.health is Health.LOST:
-        return estimate
-    left = 1.0 - (estimate.tick - correction.tick) * TICK / _DURATION
-    if not 0.0 < left <= 1.0:
+    left = 0.0 if correction is None else 1.0 - (estimate.tick - correction.tick) * TICK / _DURATION
+    if correction is None or not 0.0 < left <= 1.0 or estimate.health is Health.LOST:
         return estimate
     offset = left * correction.offset
     return replace(estimate.sheared(offset, follow_distance), std=math.hypot(estimate.std, offset))
@@ -167,9 +154,9 @@ def blended(estimate: OffTracking, correction: Correction | None, follow_distanc
 # The largest of 3000 healthy motions on roads of class A to E, forwards and backwards, was 30.
 _GATE = 33.0
 _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last four motions
-# The running mean, per component, is 1 at most if all errors are as stated. Above the first limit a motion is degraded,
-# above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
-_DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
+# The running mean, per component, is 1 at most if all errors are as stated. Above the first limit no motion is
+# believed, until the mean is below the second: four to eight motions in a row agree.
+_DISTRUSTED, _TRUSTED_AGAIN = 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
 # Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
@@ -242,7 +229,7 @@ class SignalFusion:
         memory, corrected_signals = self._monitored(memory._replace(reference=start), motion, signals)
         rows = [self._reckoning.row(one) for one in corrected_signals]
         memory = memory._replace(history=extended_history(memory.history, rows, start.tick, tick))
-        if memory.monitor.faults != monitor_before.faults:
+        if memory.monitor.findings != monitor_before.findings:
             memory, path = self._reckoned_again(memory, path)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
@@ -251,6 +238,8 @@ class SignalFusion:
             if believed is not None:
                 # the closing error of a bridge is that of its end at the motion's
                 bridge = self._bridged(before, path, motion.tick) if path.reckoned else None
+                if bridge is not None and all(one.tick != believed.previous_tick for one in bridge[0].samples):
+                    bridge = None  # so slow that the sample where the motion starts was too near to its neighbours
                 path, estimate = self._buffer.step(path if bridge is None else bridge[0], believed)
                 if bridge is not None:
                     since, correction = believed.previous_tick, memory.correction
@@ -263,12 +252,12 @@ class SignalFusion:
             estimate = replace(estimate, bridged=(tick - memory.reference.tick) * TICK)
         if estimate is None:
             return memory, path, None
-        is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
+        doubts = self._monitor.doubts(memory.monitor)
         stretched = memory.stretched if memory.stretched > _STRETCHED else 0.0
         by_cameras = self._follow_distance * math.hypot(memory.turned, _LEVER * stretched)
-        std = math.hypot(estimate.std, by_cameras)
         health = Health.DEGRADED if by_cameras > 0.0 and estimate.health is Health.OK else estimate.health
-        estimate = replace(estimate, std=std, health=health, doubts=(*doubts, DIRECTION) if is_turned else doubts)
+        doubts = (*doubts, DIRECTION) if memory.turned > 0.0 else doubts
+        estimate = replace(estimate, std=math.hypot(estimate.std, by_cameras), health=health, doubts=doubts)
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(
@@ -316,26 +305,20 @@ class SignalFusion:
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
             if known is None or not misleading:
                 return known and self._reckoning.contradicted(known, history, since, parameters)
-            covariance = _CORRECTED * known.covariance
             by_speed = speed_std * known.by_signals[:, 0]
-            covariance += np.outer(by_speed, by_speed)
-            return known._replace(covariance=covariance)
+            return known._replace(covariance=_CORRECTED * known.covariance + np.outer(by_speed, by_speed))
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
             return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
-        if step is None or tick <= newest or not self._agree(memory):
+        if step is None or tick <= newest:
             return None
         X_PC, covariance = with_planar(np.eye(4), step.pose), spatial_covariance(step.covariance, _OUT_OF_PLANE)
         motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
-
-    def _agree(self, memory: FusionMemory) -> bool:
-        """Test the signals."""
-        return agree(memory.history, self._unit, is_made=self._monitor.makes_angle(memory.monitor))
 
     def _since(self, reference: Known, path: BufferMemory, tick: int) -> Parameters:
         """Parameters at a tick after the reference, without a measurement since."""
@@ -356,7 +339,8 @@ class SignalFusion:
             return (memory._replace(reference=known), motion) if continues else (memory, None)
         misfit = memory.misfit + _MEMORY * (min(test.score_beyond, _GATE) / 3.0 - memory.misfit)
         distrusted = misfit > (_TRUSTED_AGAIN if memory.distrusted else _DISTRUSTED)
-        sudden = memory.sudden + 1 if test.score > _GATE and test.is_alike else 0
+        apart = abs(test.reckoned.own_slip - test.reckoned.parameters.mean[OWN])  # of tractor and trailer
+        sudden = memory.sudden + 1 if test.score > _GATE and apart < _ALIKE * abs(test.direction) else 0
         memory = memory._replace(misfit=misfit, distrusted=distrusted, sudden=sudden)
         if distrusted or test.score_beyond > _GATE or 0 < sudden <= _SUDDEN:
             return memory, None
@@ -368,8 +352,6 @@ class SignalFusion:
         variances = np.diag(motion.covariance) + (_VAGUE**2 - 1.0) * np.sum(np.square(motion.common), axis=1)
         if np.any(variances[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
             motion = weighted(motion, test)
-        elif misfit > _DOUBTED:
-            motion = doubted(motion, misfit)
         return self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test), motion
 
     def _doubted(self, memory: FusionMemory, test: Comparison) -> FusionMemory:
@@ -378,14 +360,13 @@ class SignalFusion:
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
         share = min(1.0, distance / _TURNED_MEMORY)
-        stretched = self._reckoning.stretched(test.parameters, memory.history)
+        now, usual, stretched = self._reckoning.contradictions(test.parameters, memory.history)
         if stretched > 0.0:
             stretched += abs(float(test.innovation[1])) / distance  # what the error of the wheels leaves
         memory = memory._replace(stretched=memory.stretched + share * (stretched - memory.stretched))
         if memory.sudden:  # it is believed since it lasts
             alike, turned = math.copysign(1.0, test.direction), max(memory.turned, abs(test.direction))
             return memory._replace(alike=alike, turned=turned)
-        now, usual = self._reckoning.turned(test.parameters, memory.history)
         if math.isinf(usual):
             return memory
         alike = memory.alike + share * (now / usual - memory.alike)
@@ -398,7 +379,7 @@ class SignalFusion:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
-        if reckoned is None or not self._agree(memory):
+        if reckoned is None:
             return None
         innovation = planar_pose(motion.X_PC) - reckoned.pose
         S = reckoned.covariance + planar_covariance(motion.covariance)
@@ -422,6 +403,5 @@ class SignalFusion:
             score=float(innovation @ np.linalg.solve(expected, innovation)),
             score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
             direction=direction,
-            is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
             parameters=self._reckoning.with_own_slip(corrected, own_slip, math.hypot(own_std, _ROLLING_STD)),
         )

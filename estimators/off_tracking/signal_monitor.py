@@ -33,6 +33,7 @@ from estimators.off_tracking.parity import (
     ParityRelations,
     misfit,
     noise_level,
+    white_noise,
 )
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
@@ -42,6 +43,9 @@ from vehicle.frames import FloatArray
 
 STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
+_STILL: Final = 50  # the same without other evidence: a speed that is told by pulses may last for less
+_TURNS: Final = math.radians(0.6)  # yaw rate by which gyros say that the vehicle does not stand [rad/s]
+_VISIBLE: Final = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _MEAN_OF: Final = 5  # values before a fault
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 _PULSES: Final = 1.5  # wheels that turn slower may read 0: a coil at a pole wheel needs 0.7 to 1.4 m/s. assumed
@@ -125,11 +129,6 @@ class MonitorMemory(NamedTuple):
         """Numbers of the signals at fault."""
         return tuple(k for k, error in enumerate(self.errors) if error is not None)
 
-    @property
-    def faults(self) -> tuple[bool, tuple[int, ...]]:
-        """All that is known to be at fault."""
-        return self.contradicted, self.distrusted
-
 
 class SignalMonitor:
     """Monitor of the signals for the steering of one trailer."""
@@ -210,10 +209,6 @@ class SignalMonitor:
         is_made = _is_unknown(memory.errors[0])
         return _UNKNOWN_ACCELERATION * self._relations.unknown_time(rows, _TURNING) if is_made else 0.0
 
-    def makes_angle(self, memory: MonitorMemory) -> bool:
-        """True while a hitch angle or the trailer's yaw rate is made of others, which it can not contradict."""
-        return bool({*self._replaced(memory)} - {SPEED})
-
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
         contradicting = (self._either,) if memory.contradicted else ()
@@ -222,7 +217,7 @@ class SignalMonitor:
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
         if len(memory.history) < _LEAST:
             return memory
-        level = noise_level(memory.history, self._unit, _LEAST)
+        level = noise_level(memory.history, self._unit)
         parity = self._relations.parity(memory.history, _WINDOW, level, reference, tick)
         known = [parity.signature(k) for k in memory.distrusted]
         left, _ = misfit(parity.values, known)
@@ -230,7 +225,7 @@ class SignalMonitor:
             memory = self._suspected(memory, parity, left, is_alone=reference is None)
         else:
             memory = memory._replace(suspect=(-1, 0))
-        if 0 not in memory.distrusted and memory.history[-1, 0] - memory.jumped[0] < _RECENT and self._stuck(memory)[0]:
+        if 0 not in memory.distrusted and self._no_speed(memory):
             memory = self._distrusted(memory, 0)
         of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
         is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
@@ -331,7 +326,8 @@ class SignalMonitor:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
         finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
         if signal == 0:
-            before = memory.history[memory.history[:, 0] < memory.jumped[0], SPEED][-_MEAN_OF:]
+            jumped_at = memory.jumped[0] if memory.history[-1, 0] - memory.jumped[0] < _RECENT else math.inf
+            before = memory.history[memory.history[:, 0] < jumped_at, SPEED][-_MEAN_OF:]
             memory = memory._replace(speed=float(before.mean()) if len(before) else 0.0)
         return self._with_towed(memory._replace(errors=errors, suspect=(-1, 0), findings=(*memory.findings, finding)))
 
@@ -342,6 +338,9 @@ class SignalMonitor:
             return memory
         known = [parity.signature(k) for k in distrusted]
         left, sizes = misfit(parity.values, known)
+        slips = left > _DETECTED
+        if slips:
+            left, sizes = misfit(parity.values, [*known, parity.excuses[-1]])  # slip looks like all but the speed
         if left > _DETECTED:
             return memory  # something else is wrong, too
         first = np.cumsum([0, *(signature.shape[1] for signature in known)])
@@ -350,7 +349,7 @@ class SignalMonitor:
         for number, k in enumerate(distrusted):
             signature, size = known[number][:, 0], float(sizes[first[number]])
             error = errors[k]
-            if error is None or not signature.any():
+            if error is None or not signature.any() or (slips and k > 0):
                 continue  # not measurable now
             is_small = float(np.max(np.abs(signature * size))) < _SMALL and not evident[k]
             small = error.small + 1 if is_small else 0
@@ -373,6 +372,15 @@ class SignalMonitor:
         repeats = (np.ptp(recent, axis=0) == 0.0) & (len(recent) == _REPEATED)
         return [bool(one) and 2 * int(np.sum(repeats)) <= len(repeats) for one in repeats]
 
+    def _no_speed(self, memory: MonitorMemory) -> bool:
+        """True if the wheel speed stays the same after a jump, or for a second in which the vehicle does not stand."""
+        newest, jumped = memory.history[-_STILL:], memory.history[-1, 0] - memory.jumped[0] < _RECENT
+        if jumped or len(newest) < _STILL or np.ptp(newest[:, SPEED]) > 0.0:
+            return jumped and self._stuck(memory)[0]
+        gyros = newest[:, FIRST + self._unit : FIRST + 2 * self._unit + 1]
+        stands = newest[-1, SPEED] == 0.0 and float(np.abs(gyros.mean(axis=0)).max()) < _TURNS
+        return not stands and float(np.median(white_noise(gyros))) > _VISIBLE * GYRO_NOISE
+
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
         change = row - memory.history[-1]
@@ -380,7 +388,7 @@ class SignalMonitor:
         beyond = np.abs(change[self._columns]) - self._rates * change[0] * TICK
         if not (beyond > self._least_jump).any():  # more noise only hides more
             return memory.jumped
-        jumps = beyond > _JUMP_SIGMAS * noise_level(memory.history, self._unit, _LEAST) * self._noise
+        jumps = beyond > _JUMP_SIGMAS * noise_level(memory.history, self._unit) * self._noise
         return tuple(int(row[0]) if one else before for one, before in zip(jumps, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:

@@ -16,11 +16,9 @@ from estimators.off_tracking.signal_fusion import (
     FusionMemory,
     SignalFusion,
     blended,
-    doubted,
     extended_history,
 )
 from sensors.messages import CombinationSignals
-from tests.estimators.body_drive import motion
 from tests.estimators.towed_drive import FOLLOW, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
 from tests.trailers import estimate
 from vehicle.frames import inverse, so3_exp, transform
@@ -247,6 +245,33 @@ def test_a_keyframe_from_before_the_outage_corrects_the_bridge(
 
 
 @pytest.mark.slow
+def test_a_motion_from_within_an_outage_goes_on_at_a_crawl() -> None:
+    """Samples a centimetre apart are thinned out, but not the one that the motion starts from."""
+    drive = towed_drive(16.0, lambda t: 3.0 if t < 10.0 else 0.1, lambda t: 0.0, errors=WRONG, seed=3)
+    fusion, path, last = FUSION.init(), BUFFER.init(), None
+    for tick in sorted(drive.bodies)[1:]:
+        motion = None if 13_000 < tick <= 14_000 else drive.motion(tick - FRAME, tick)
+        fusion, path, last = FUSION.step(fusion, path, tick, motion, drive.between(tick - FRAME, tick))
+        assert tick < 8000 or (last is not None and last.health is not Health.LOST)
+
+
+@pytest.mark.slow
+def test_an_outage_is_bridged_with_a_speed_that_is_stuck() -> None:
+    """It is found a second after it began to repeat itself, within the outage; what was bridged is reckoned again."""
+    drive = towed_drive(24.0, lambda t: 3.0 + 0.6 * math.sin(0.5 * t), winding, slipping, WRONG, seed=3)
+    exact, dark = exact_of(drive), range(19_100, 21_001)
+
+    def stuck(messages: Messages) -> Messages:
+        return [replace(one, speed=2.7) if one.tick > 19_000 else one for one in messages]
+
+    estimates = run(drive, without(dark), stuck)
+    late = [tick for tick in dark if tick % FRAME == 0 and tick > 20_100]
+    assert all(estimates[tick].doubts == ("wheel speed",) for tick in late)
+    assert np.all(np.abs(errors(estimates, exact, late)) < 2.5 * np.array([estimates[tick].std for tick in late]))
+    assert np.abs(errors(estimates, exact, late)).max() < 0.15  # [m]
+
+
+@pytest.mark.slow
 def test_a_delayed_frame_is_brought_up_to_date(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """Frames arrive three captures late; the estimate is that of now."""
     fusion, path = FUSION.init(), BUFFER.init()
@@ -403,13 +428,3 @@ def test_a_correction_that_is_held_back_bends_the_path_to_the_value() -> None:
     assert held.path[14] == pytest.approx([-14.0, held.value])
     assert held.path_tangent == pytest.approx(-math.atan(0.2 / 14.0))
     assert held.std == pytest.approx(math.hypot(before.std, 0.2))
-
-
-def test_a_doubted_motion_is_as_uncertain_since_its_keyframe() -> None:
-    """The misfit scales both covariances."""
-    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=2.0 * np.eye(6))
-    doubtful = doubted(replace(motion(0, 1, np.eye(4), covariance=np.eye(6)), anchor=anchor), 9.0)
-    assert doubtful.anchor is not None
-    np.testing.assert_array_equal(doubtful.covariance, 9.0 * np.eye(6))
-    np.testing.assert_array_equal(doubtful.anchor.covariance, 18.0 * np.eye(6))
-    assert doubtful.health is Health.DEGRADED

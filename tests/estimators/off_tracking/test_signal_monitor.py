@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.off_tracking.buffer import velocity
-from estimators.off_tracking.parity import MotionReference, agree
+from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from tests.estimators.towed_drive import FRAME, VEHICLE, Errors, TowedDrive, towed_drive
@@ -275,11 +275,27 @@ def test_wheels_whose_slow_pulses_are_not_seen_are_sound_at_a_stop(least: float)
     assert not memory.findings
 
 
-@pytest.mark.parametrize(("turning", "believed"), [(0.0, True), (0.1, False)])
-def test_wheels_that_stand_read_exactly_nothing(turning: float, believed: bool) -> None:
-    """A speed of 0 that repeats itself is no fault, unless the vehicle turns [rad/s]."""
-    rng = np.random.default_rng(1)
-    ticks = 20.0 * np.arange(100.0)
-    noise = np.radians(0.1) * rng.standard_normal((100, 3)) + [0.0, turning, turning]
-    history = np.column_stack([ticks, np.zeros((100, 3)), noise, np.zeros(100)])
-    assert agree(history, 1) is believed
+@pytest.mark.parametrize(("speed", "turning", "fails"), [(0.0, 0.0, False), (0.0, 0.1, True), (4.0, 0.0, True)])
+def test_a_speed_that_stays_the_same_is_at_fault_unless_the_vehicle_stands(
+    speed: float, turning: float, fails: bool
+) -> None:
+    """Real wheels that stand read exactly 0; gyros tell whether they do [m/s], [rad/s]."""
+    of = towed_drive(3.0, lambda t: speed, lambda t: turning, errors=AS_OF_A_TRUCK, seed=2)
+    memory, _ = watched(lambda one: replace(one, speed=speed), lambda seen: None, of)
+    assert at_fault(memory) == [SPEED] * fails
+
+
+def test_the_size_of_a_speed_at_fault_is_known_where_the_tractor_slips() -> None:
+    """On ice, by 9 deg: directions of travel contradict each other, too, but not the speed."""
+
+    def speed(t: float) -> float:
+        return 4.0 + 0.5 * max(0.0, t - 8.0)
+
+    def slip(t: float) -> float:
+        return 0.15 * math.sin(0.5 * max(0.0, t - 10.0))
+
+    of = towed_drive(20.0, speed, lambda t: 0.0, slip, AS_OF_A_TRUCK, seed=2)
+    memory, corrected = watched(from_(8.0, lambda one: replace(one, speed=4.0)), of=of)
+    assert at_fault(memory) == [SPEED]
+    late = [one for one in corrected if one.tick > 12_000]
+    assert max(abs(one.speed / speed(one.tick * TICK) - 1.0) for one in late) < 0.15
