@@ -62,6 +62,9 @@ _FAST = 12.0
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
 # As it pulls away, driven wheels that spin are pushed to the side: by some 20 mm on ice.
 _PULLING, _PULLED = 0.8, np.array([0.0, 0.0, 0.1])  # speed below which it counts, and white noise [rad/s], [m/s]
+# A vehicle that turns about a point that no steering reaches slides; locked or spinning wheels do not tell how fast:
+# least radius [m], and white noise that comes to 0.2 m within a tenth of a second [rad/s], [m/s].
+_TIGHTEST, _SLIPPED = 2.0, np.array([0.0, 5.0, 5.0])
 
 
 class Prior(NamedTuple):
@@ -224,16 +227,21 @@ class DeadReckoning:
         nodes = np.concatenate([[since], ticks[(ticks > since) & (ticks < until)], [until]])
         if not _are_covered(nodes, ticks):
             return None
-        at_rest = np.abs(_mean_before(ticks, table[:, 0], _LOOK)) < _AT_REST
+        level, gyros = noise_level(history, self._unit), table[:, 3 + self._unit : 4 + 2 * self._unit]
+        speed, *turning = (np.abs(_mean_before(ticks, one, _LOOK)) for one in (table[:, 0], *gyros.T))
+        slides = _TIGHTEST * np.max(turning, axis=0) > speed + level * _AT_REST
+        at_rest = (speed < _AT_REST) & ~slides
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
         before = np.interp(ticks - _MARGIN, ticks, table[:, 0])
         gained = (np.abs(table[:, 0]) - np.abs(before)) / (_MARGIN * TICK)  # below 0 if the wheels slow down [m/s2]
-        table = np.column_stack([table[:, :_BANK], bank, gained, at_rest])
+        table = np.column_stack([table[:, :_BANK], bank, gained, slides, at_rest])
         columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
-        moving = columns[-1] < 0.5
+        slides, moving = columns[-2] > 0.5, columns[-1] < 0.5
         kept = self._kept(nodes * TICK, columns[0] * moving)
-        rates, level = self._rates(columns[:-1], kept, parameters, by_trailer), noise_level(history, self._unit)
-        return self._summed(nodes * TICK, rates, moving, level, kept, parameters)
+        rates = self._rates(columns[:-2], kept, parameters, by_trailer)
+        slow = np.where(np.abs(rates.rates[:, 1]) < _PULLING, 1.0, 0.0)[:, None] * _PULLED
+        unknown = np.where(moving[:, None], np.where(slides[:, None], _SLIPPED, slow), _CREEP)
+        return self._summed(nodes * TICK, rates, moving, unknown, level, kept, parameters)
 
     def contradicted(self, known: Reckoned, history: FloatArray, since: int, start: Parameters) -> Reckoned:
         """The pose since a tick, with what hitches and gyros disagree by since then: any of them may be wrong by it.
@@ -359,20 +367,25 @@ class DeadReckoning:
         return carried
 
     def _summed(
-        self, time: FloatArray, of: _Rates, moving: NDArray[np.bool_], level: float, kept: FloatArray, start: Parameters
+        self,
+        time: FloatArray,
+        of: _Rates,
+        moving: NDArray[np.bool_],
+        unknown: FloatArray,
+        level: float,
+        kept: FloatArray,
+        start: Parameters,
     ) -> Reckoned:
-        """Pose and covariance at the end, by the trapezoidal rule.
+        """Pose and covariance at the end, by the trapezoidal rule; ``unknown`` (n, 3) is white noise of the rates.
 
         ``kept`` (n, p) is the share of the error of the parameters at the ``start`` that is left at each sample,
         ``level`` the noise of the signals over the assumed one.
         """
         mean, known = start
         p, dt = len(self._mean), np.diff(time)
-        slow = np.abs(of.rates[:, 1]) < _PULLING
         rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
         D[:, :, p:] *= level
-        creep = np.where(moving[:, None], np.where(slow[:, None], _PULLED, 0.0), _CREEP)
-        D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
+        D = np.concatenate([D, unknown[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = integral(dt, rates[:, 0])
         R = _rotations(yaw)
