@@ -27,7 +27,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.off_tracking.parity import (
     ARTICULATION_NOISE,
@@ -138,6 +137,7 @@ class _Rates(NamedTuple):
     rates: FloatArray  # (n, 3) yaw rate and velocity of the hitch, in the trailer
     derivatives: FloatArray  # (n, 3, p + signals)
     spread: FloatArray  # (n, p) of the parameters in the long run
+    unknown: FloatArray  # (n, 3) white noise of the rates of a vehicle that stands, pulls away or slides, 1 sigma
     own_slip: float  # as in ``Reckoned``
 
 
@@ -236,12 +236,8 @@ class DeadReckoning:
         gained = (np.abs(table[:, 0]) - np.abs(before)) / (_MARGIN * TICK)  # below 0 if the wheels slow down [m/s2]
         table = np.column_stack([table[:, :_BANK], bank, gained, slides, at_rest])
         columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
-        slides, moving = columns[-2] > 0.5, columns[-1] < 0.5
-        kept = self._kept(nodes * TICK, columns[0] * moving)
-        rates = self._rates(columns[:-2], kept, parameters, by_trailer)
-        slow = np.where(np.abs(rates.rates[:, 1]) < _PULLING, 1.0, 0.0)[:, None] * _PULLED
-        unknown = np.where(moving[:, None], np.where(slides[:, None], _SLIPPED, slow), _CREEP)
-        return self._summed(nodes * TICK, rates, moving, unknown, level, kept, parameters)
+        kept = self._kept(nodes * TICK, columns[0] * (columns[-1] < 0.5))
+        return self._summed(nodes * TICK, self._rates(columns, kept, parameters, by_trailer), level, kept, parameters)
 
     def contradicted(self, known: Reckoned, history: FloatArray, since: int, start: Parameters) -> Reckoned:
         """The pose since a tick, with what hitches and gyros disagree by since then: any of them may be wrong by it.
@@ -291,7 +287,7 @@ class DeadReckoning:
         """
         unit, p = self._unit, len(self._mean)
         mean = (self._mean + kept * (parameters.mean - self._mean)).T
-        speed, steer, scrub, *readings, rolling, bank, gained = columns
+        speed, steer, scrub, *readings, rolling, bank, gained, slides, at_rest = columns
         gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[_GYROS:]
         scale, per_braking, varying, *per, constant, own = mean[:_GYROS]
         pushes, forward = np.array([speed * gyros[0] + bank, scrub, gammas[0]]), np.sign(speed)
@@ -352,7 +348,11 @@ class DeadReckoning:
         D[:, 0, of_gyro + unit] = 1.0
         D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
         mean_slip = float(np.mean(own_slip[is_known])) if is_known.any() else math.nan
-        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, mean_slip)
+        slow = np.where((np.abs(v_x) < _PULLING)[:, None], _PULLED, 0.0)
+        moving = at_rest[:, None] < 0.5
+        unknown = np.where(moving, np.where(slides[:, None] > 0.5, _SLIPPED, slow), _CREEP)
+        rates = np.column_stack([gyros[unit], v_x, v_y]) * moving
+        return _Rates(rates, D * moving[:, :, None], spread, unknown, mean_slip)
 
     def _carried(
         self, v_x: FloatArray, slip: FloatArray, gammas: FloatArray, gyros: FloatArray
@@ -366,26 +366,17 @@ class DeadReckoning:
             carried.append((v_x, v_y, R))
         return carried
 
-    def _summed(
-        self,
-        time: FloatArray,
-        of: _Rates,
-        moving: NDArray[np.bool_],
-        unknown: FloatArray,
-        level: float,
-        kept: FloatArray,
-        start: Parameters,
-    ) -> Reckoned:
-        """Pose and covariance at the end, by the trapezoidal rule; ``unknown`` (n, 3) is white noise of the rates.
+    def _summed(self, time: FloatArray, of: _Rates, level: float, kept: FloatArray, start: Parameters) -> Reckoned:
+        """Pose and covariance at the end, by the trapezoidal rule.
 
         ``kept`` (n, p) is the share of the error of the parameters at the ``start`` that is left at each sample,
         ``level`` the noise of the signals over the assumed one.
         """
         mean, known = start
         p, dt = len(self._mean), np.diff(time)
-        rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
+        rates, D = of.rates, of.derivatives
         D[:, :, p:] *= level
-        D = np.concatenate([D, unknown[:, :, None] * np.eye(3)], axis=2)
+        D = np.concatenate([D, of.unknown[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = integral(dt, rates[:, 0])
         R = _rotations(yaw)

@@ -126,6 +126,20 @@ def test_wheels_that_slip_by_a_twelfth_are_no_reason_to_refuse_the_camera() -> N
 
 
 @pytest.mark.slow
+def test_locked_wheels_of_a_vehicle_that_turns_are_no_reason_to_refuse_the_camera() -> None:
+    """At walking pace on ice, where wheels that read 0 seem to stand; no steering makes a truck turn on the spot."""
+    drive = towed_drive(20.0, lambda t: max(0.8, 3.0 - 0.4 * max(0.0, t - 8.0)), lambda t: 0.1, errors=WRONG, seed=4)
+
+    def locked(messages: Messages) -> Messages:
+        return [replace(one, speed=0.0) if one.tick > 16_000 else one for one in messages]
+
+    estimates, exact = run(drive, signals=locked), exact_of(drive)
+    for tick in filled(exact):
+        assert estimates[tick].value == pytest.approx(exact[tick].value, abs=1e-3)  # [m]
+        assert estimates[tick].bridged == 0.0
+
+
+@pytest.mark.slow
 def test_outages_of_two_seconds_are_bridged_within_the_stated_uncertainty(
     drive: TowedDrive, exact: dict[int, OffTracking]
 ) -> None:
