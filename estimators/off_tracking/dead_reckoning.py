@@ -47,8 +47,7 @@ from vehicle.frames import FloatArray
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
-# Mean speed over five samples at 50 Hz below which the vehicle stands, 3 sigma of their noise [m/s], and that time.
-_AT_REST, _LOOK = 0.03, 100  # [ticks]
+_AT_REST, _LOOK = 0.03, 100  # mean speed below which it stands: 3 sigma of its noise [m/s], and its time [ticks]
 _MEAN_OF = 5  # samples
 _BANK = -1  # column of the bank's pull
 _LATELY = 25  # samples of the last half second

@@ -338,9 +338,10 @@ class SignalMonitor:
             return memory
         known = [parity.signature(k) for k in distrusted]
         left, sizes = misfit(parity.values, known)
-        slips = left > _DETECTED
+        slip = parity.excuses[-1]
+        slips = left > _DETECTED and float(np.abs(parity.values[slip.any(axis=1)]).max(initial=0.0)) > _DETECTED
         if slips:
-            left, sizes = misfit(parity.values, [*known, parity.excuses[-1]])  # slip looks like all but the speed
+            left, sizes = misfit(parity.values, [*known, slip])  # it looks like every fault but that of the speed
         if left > _DETECTED:
             return memory  # something else is wrong, too
         first = np.cumsum([0, *(signature.shape[1] for signature in known)])
