@@ -9,8 +9,8 @@ signal none is distrusted: the reference then is the one to doubt.
 Without a reference the size of a fault is not measured. A hitch angle that is at fault then goes on by the gyros and
 by how the axles roll. The yaw rate of a gyro that is at fault is that of a trailer whose axles roll, as the others say.
 The two may also contradict each other, and nothing tells which one is at fault: both are replaced in this way, from the
-last comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before,
-and in bends that with which the axles of the trailer roll as it turns.
+last comparison with a reference on. Wheels whose speed stays exactly the same for long, or after a jump, have the speed
+of before, and in bends that with which the axles of the trailer roll as it turns.
 """
 
 import math
@@ -44,7 +44,6 @@ from vehicle.frames import FloatArray
 STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
 _STILL: Final = 50  # the same without other evidence: a speed that is told by pulses may last for less
-_TURNS: Final = math.radians(0.6)  # yaw rate by which gyros say that the vehicle does not stand [rad/s]
 _VISIBLE: Final = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _MEAN_OF: Final = 5  # values before a fault
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
@@ -374,13 +373,12 @@ class SignalMonitor:
         return [bool(one) and 2 * int(np.sum(repeats)) <= len(repeats) for one in repeats]
 
     def _no_speed(self, memory: MonitorMemory) -> bool:
-        """True if the wheel speed stays the same after a jump, or for a second in which the vehicle does not stand."""
+        """True if the wheel speed stays the same after a jump, or for a second and is not 0 as of wheels that stand."""
         newest, jumped = memory.history[-_STILL:], memory.history[-1, 0] - memory.jumped[0] < _RECENT
-        if jumped or len(newest) < _STILL or np.ptp(newest[:, SPEED]) > 0.0:
+        if jumped or len(newest) < _STILL or newest[-1, SPEED] == 0.0 or np.ptp(newest[:, SPEED]) > 0.0:
             return jumped and self._stuck(memory)[0]
-        gyros = newest[:, FIRST + self._unit : FIRST + 2 * self._unit + 1]
-        stands = newest[-1, SPEED] == 0.0 and float(np.abs(gyros.mean(axis=0)).max()) < _TURNS
-        return not stands and float(np.median(white_noise(gyros))) > _VISIBLE * GYRO_NOISE
+        noise = white_noise(newest[:, FIRST + self._unit : FIRST + 2 * self._unit + 1])
+        return float(np.median(noise)) > _VISIBLE * GYRO_NOISE
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
