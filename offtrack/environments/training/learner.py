@@ -19,6 +19,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from controllers.trailer_steering.policy import Network, TrainedFor
@@ -123,6 +124,7 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: "_Recorder") -
             policy_kwargs={"net_arch": {"pi": list(s.layers), "vf": list(s.layers)}, **scaled},
             **common,
         )
+    model.set_logger(Logger(folder=None, output_formats=[]))  # the usual one makes a temporary directory for each model
     if os.path.lexists(directory / CHECKPOINT):
         _resume(model, directory / CHECKPOINT)
         steps = model.num_timesteps * recorder.repeat
