@@ -3,7 +3,7 @@
 import hashlib
 from array import array
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from functools import partial
 from typing import Final, Generic, Protocol, TypeVar
@@ -48,8 +48,9 @@ class _Digest:
     def __init__(self, sha256: "hashlib._Hash | None" = None) -> None:
         self._sha256 = sha256 or hashlib.sha256()
 
-    def update(self, image: GreyImage) -> None:
-        self._sha256.update(np.ascontiguousarray(image).data)
+    def update(self, images: Sequence[memoryview]) -> None:
+        for image in images:
+            self._sha256.update(image)
 
     def hexdigest(self) -> str:
         return self._sha256.hexdigest()
@@ -61,11 +62,11 @@ class _Digest:
 class Pictures(Generic[TruthT]):
     """Pictures kept for reports and videos, and the hash of all images."""
 
-    def __init__(self, *, records: bool, keep: PictureSize | bool) -> None:
-        self._records = records
+    def __init__(self, worker: Executor, *, records: bool, keep: PictureSize | bool) -> None:
+        self._worker, self._records = worker, records
         self._size = PictureSize() if keep is True else keep or None  # None: none is kept
         self._digest = _Digest()
-        self._newest: Future[None] | None = None  # of the picture that is compressed last
+        self._newest: Future[None] | None = None  # of what the worker does last
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
         self._truths: Kept[TruthT] = Kept(_TRUTHS, recent=_RECENT)
         self._ticks = array("q")  # of the truths
@@ -86,18 +87,29 @@ class Pictures(Generic[TruthT]):
     @property
     def frames(self) -> list[tuple[int, bytes]]:
         """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
-        if self._newest is not None:
-            self._newest.exception()  # waits
+        self._wait()
         return list(self._kept)
 
-    def compress(self, worker: Executor, tick: int, jpeg: Callable[[], bytes]) -> None:
-        """Keep a picture that a worker compresses, one after the other."""
-        self._newest = worker.submit(lambda: self._kept.append((tick, jpeg())))
+    def compress(self, tick: int, jpeg: Callable[[], bytes]) -> None:
+        """Keep a picture that the worker compresses, one after the other."""
+        self._newest = self._worker.submit(lambda: self._kept.append((tick, jpeg())))
+
+    def hash(self, digest: _Digest, *images: GreyImage) -> None:
+        """Let the worker add images to a hash; they do not change any more."""
+        self._newest = self._worker.submit(digest.update, [np.ascontiguousarray(image).data for image in images])
 
     @property
     def sha256(self) -> str:
         """Hash of all images sent so far."""
-        return self._digest.hexdigest()
+        return self._hexdigest(self._digest)
+
+    def _hexdigest(self, digest: _Digest) -> str:
+        self._wait()
+        return digest.hexdigest()
+
+    def _wait(self) -> None:
+        if self._newest is not None:
+            self._newest.exception()
 
 
 class StereoPictures(Pictures[Truth]):
@@ -119,13 +131,13 @@ class StereoPictures(Pictures[Truth]):
             channel: number of the channel that is recorded and kept.
             unit: index of the unit that carries its cameras.
             cameras: cameras of that channel.
-            worker: compresses pictures.
+            worker: hashes images and compresses pictures.
             keep: keep pictures of that channel, as they were captured or of this size.
             recorder: receives the frames of that channel.
         """
-        super().__init__(records=recorder is not None, keep=keep)
+        super().__init__(worker, records=recorder is not None, keep=keep)
         self._recorder = recorder
-        self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
+        self._channel, self._unit, self._cameras = channel, unit, cameras
         self._recorded = _Digest() if channel else None  # of that channel, if it is one of several
         width = cameras.calibration.width if cameras else 1
         self.scale = min(1.0, self._size.width / width) if self._size else 1.0  # of kept pictures to the camera's [-]
@@ -133,25 +145,23 @@ class StereoPictures(Pictures[Truth]):
     @property
     def recording_sha256(self) -> str:
         """Hash of the images of the channel that is recorded."""
-        return self._recorded.hexdigest() if self._recorded else self.sha256
+        return self._hexdigest(self._recorded or self._digest)
 
     def see(self, channel: int, message: object, truth: Truth) -> None:
         """Hash every frame; record and keep those of the chosen channel."""
         frame = stereo_frame(message)
         if frame is None:
             return
-        self._digest.update(frame.left)
-        self._digest.update(frame.right)
+        self.hash(self._digest, frame.left, frame.right)
         if channel != self._channel:
             return
         if self._recorded:
-            self._recorded.update(frame.left)
-            self._recorded.update(frame.right)
+            self.hash(self._recorded, frame.left, frame.right)
         if self._recorder:
             self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
         if self._size and self._cameras:
             size, rectified = self._size, self._cameras.rectified
-            self.compress(self._worker, frame.tick, lambda: _stereo_jpeg(rectified(frame), size))
+            self.compress(frame.tick, lambda: _stereo_jpeg(rectified(frame), size))
 
 
 class TracePictures(Pictures[RoverTruth]):
@@ -166,21 +176,21 @@ class TracePictures(Pictures[RoverTruth]):
         keep: PictureSize | bool,
         recorder: RoverRecorder | None,
     ) -> None:
-        """Create the observer of a camera; kept pictures are rendered again in colour, and compressed by a worker."""
-        super().__init__(records=recorder is not None, keep=keep)
-        self._recorder, self._camera, self._worker, self._stopwatch = recorder, camera, worker, stopwatch
+        """Create the observer of a camera; kept pictures are rendered again in colour; the worker compresses them."""
+        super().__init__(worker, records=recorder is not None, keep=keep)
+        self._recorder, self._camera, self._stopwatch = recorder, camera, stopwatch
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Hash, record and keep the view while the estimator works."""
         if not isinstance(message, RoverView):
             return
-        self._digest.update(message.image)
+        self.hash(self._digest, message.image)
         if self._recorder:
             self._recorder.add(message, self._truth(message.tick))
         if self._size and self._camera is not None:
             with self._stopwatch.timed("render"):
                 colour = self._camera.colour(truth)
-            self.compress(self._worker, truth.tick, partial(self._size.jpeg, colour))
+            self.compress(truth.tick, partial(self._size.jpeg, colour))
 
 
 def _stereo_jpeg(frame: StereoFrame, size: PictureSize) -> bytes:

@@ -22,7 +22,6 @@ from estimators.slip.rover_odometry import ReferenceSlip
 from offtrack.commands.cli import app
 from offtrack.reports.run_files import write_run
 from offtrack.reports.run_page import report_html, rover_report_html
-from scenarios.loop.channel import InLine
 from scenarios.loop.image_observers import Pictures, StereoPictures
 from scenarios.loop.referee import CourseJudge
 from scenarios.loop.runner import run
@@ -242,11 +241,11 @@ def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
 
 def test_a_picture_that_is_none_does_not_lose_the_others() -> None:
     """They are compressed while the run goes on, and asked for after its end."""
-    pictures: StereoPictures = StereoPictures(0, 1, None, InLine(), keep=True, recorder=None)
     jpegs = dict.fromkeys(range(100, 3000, 100), b"jpeg")
     with ThreadPoolExecutor(max_workers=1) as worker:
+        pictures: StereoPictures = StereoPictures(0, 1, None, worker, keep=True, recorder=None)
         for tick in range(0, 3000, 100):
-            pictures.compress(worker, tick, partial(jpegs.__getitem__, tick))
+            pictures.compress(tick, partial(jpegs.__getitem__, tick))
         assert pictures.frames == list(jpegs.items())
 
 

@@ -161,9 +161,9 @@ def test_traffic_is_in_the_pictures_of_a_run() -> None:
     for kind in ("none", "following"):
         session = TrailerSession(assemble(scenario(f"traffic={kind}"), seed=1))
         session.advance()
+        hashes.add(session.pictures.sha256)
         session.close()
         session.parts.close()
-        hashes.add(session.pictures.sha256)
     assert len(hashes) == 2
 
 
