@@ -47,7 +47,7 @@ from vehicle.frames import FloatArray
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
-_AT_REST, _LOOK = 0.03, 100  # mean speed below which it stands: 3 sigma of its noise [m/s], and its time [ticks]
+_AT_REST, _LOOK = 0.03, 100  # speed of a vehicle at rest: 3 sigma of noise [m/s], and the time of its mean [ticks]
 _MEAN_OF = 5  # samples
 _BANK = -1  # column of the bank's pull
 _LATELY = 25  # samples of the last half second
@@ -60,8 +60,8 @@ _FAST = 12.0
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
 # As it pulls away, driven wheels that spin are pushed to the side: by some 20 mm on ice.
 _PULLING, _PULLED = 0.8, np.array([0.0, 0.0, 0.1])  # speed below which it counts, and white noise [rad/s], [m/s]
-# A vehicle that turns about a point that no steering reaches slides; locked or spinning wheels do not tell how fast:
-# least radius [m], and white noise that comes to 0.2 m within a tenth of a second [rad/s], [m/s].
+# A vehicle that turns about a nearer point than steering allows slides, and its wheels do not show the speed: that
+# radius [m], and white noise of every sample; it adds up to 0.2 m within a tenth of a second [rad/s], [m/s].
 _TIGHTEST, _SLIPPED = 2.0, np.array([0.0, 5.0, 5.0])
 
 
@@ -177,10 +177,10 @@ class DeadReckoning:
         return parameters._replace(mean=np.clip(parameters.mean, self._mean - most, self._mean + most))
 
     def contradictions(self, parameters: Parameters, history: FloatArray) -> tuple[float, float, float]:
-        """What the camera contradicts: directions, by an angle, what tyres explain of it [rad], and distances.
+        """Angle [rad] between the camera and the axles of both units, its limit [rad], and the error of distances [-].
 
-        Directions count where those by the axles of both units are wrong alike; tyres explain an infinite angle where
-        they may slide by any. Distances count by their share where wheels roll freely and can not err so.
+        The limit is what slip of the tyres explains; it is infinite where they slide. The camera's distances are
+        compared with those of wheels that roll freely; the error is 0 if it is not larger than that of a sound wheel.
         """
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
@@ -190,8 +190,7 @@ class DeadReckoning:
         along, scale = acceleration(recent), abs(float(parameters.mean[_SCALE_OF]))
         stretched = scale if abs(along) < _COASTING and scale >= self._largest[_SCALE_OF] else 0.0
         aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
-        push = math.hypot(aside, along)  # drive and brakes use the same grip
-        scrub = abs(float(np.mean(recent[:, 3])))
+        push, scrub = math.hypot(aside, along), abs(float(np.mean(recent[:, 3])))  # drive and brakes use the same grip
         usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
         return alike, math.inf if push > _LETS_GO else usual, stretched
 
@@ -226,8 +225,8 @@ class DeadReckoning:
         nodes = np.concatenate([[since], ticks[(ticks > since) & (ticks < until)], [until]])
         if not _are_covered(nodes, ticks):
             return None
-        level, gyros = noise_level(history, self._unit), table[:, 3 + self._unit : 4 + 2 * self._unit]
-        speed, *turning = (np.abs(_mean_before(ticks, one, _LOOK)) for one in (table[:, 0], *gyros.T))
+        level, speed_and_gyros = noise_level(history, self._unit), [0, *range(3 + self._unit, 4 + 2 * self._unit)]
+        speed, *turning = np.abs(_mean_before(ticks, table[:, speed_and_gyros], _LOOK)).T
         slides = _TIGHTEST * np.max(turning, axis=0) > speed + level * _AT_REST
         at_rest = (speed < _AT_REST) & ~slides
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
@@ -347,8 +346,7 @@ class DeadReckoning:
         D[:, 0, of_gyro + unit] = 1.0
         D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
         mean_slip = float(np.mean(own_slip[is_known])) if is_known.any() else math.nan
-        slow = np.where((np.abs(v_x) < _PULLING)[:, None], _PULLED, 0.0)
-        moving = at_rest[:, None] < 0.5
+        slow, moving = np.where((np.abs(v_x) < _PULLING)[:, None], _PULLED, 0.0), at_rest[:, None] < 0.5
         unknown = np.where(moving, np.where(slides[:, None] > 0.5, _SLIPPED, slow), _CREEP)
         rates = np.column_stack([gyros[unit], v_x, v_y]) * moving
         return _Rates(rates, D * moving[:, :, None], spread, unknown, mean_slip)
@@ -416,12 +414,12 @@ def _away_from_zero(speed: FloatArray) -> FloatArray:
 
 
 def _mean_before(ticks: FloatArray, values: FloatArray, span: int) -> FloatArray:
-    """Mean (n,) over a ``span`` [ticks] up to each sample; less than that is made up for by zeros."""
-    sums = np.insert(np.cumsum(values), 0, 0.0)
+    """Mean (n, ...) over a ``span`` [ticks] up to each sample; less than that is made up for by zeros."""
+    sums = np.insert(np.cumsum(values, axis=0), 0, 0.0, axis=0)
     first = np.searchsorted(ticks, ticks - span, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else span
-    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, span / period), dtype=np.float64)
+    return np.asarray(((sums[1:] - sums[first]).T / np.maximum(count, span / period)).T, dtype=np.float64)
 
 
 def _are_covered(nodes: FloatArray, ticks: FloatArray) -> bool:

@@ -118,6 +118,7 @@ class Parity:
         """For m relations; ``rolls``: the reference's own motion lets the trailer's axles roll."""
         self.values = np.array([value for value, _, _ in relations])
         self._relations, self._rolls = relations, rolls
+        self.slip = self._columns(_REAR_SLIP, _FRONT_SLIP)  # signatures (m, 2) of slip of the tractor's axles
 
     def signature(self, signal: int) -> FloatArray:
         """Signature (m, q) of a fault of a signal, in its unit; q: degrees of freedom of its fault."""
@@ -129,7 +130,7 @@ class Parity:
         """Signatures (m, q) of what is no fault: a reference wrong in one way, or in all, and slip of the tractor."""
         own = np.array([own for _, _, own in self._relations])
         wrong = (own[:, :1], own[:, 1:2], own[:, 2:], *(() if self._rolls else (own,)))
-        return *wrong, self._columns(_REAR_SLIP, _FRONT_SLIP)
+        return *wrong, self.slip
 
     def _columns(self, *places: tuple[int, int]) -> FloatArray:
         return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in self._relations])

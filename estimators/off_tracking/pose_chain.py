@@ -92,7 +92,7 @@ def rested(
 
 
 def _without_reversed(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:
-    """Samples without those of the path that are ahead of the newest after reversing, across their lateral lines.
+    """Samples without those of the path that are ahead of the newest after reversing.
 
     The ``keyframe`` (a tick) that later motions are measured from only leaves the path. If only the last but one is
     ahead, that may be noise, and the path does not count as cut.
@@ -101,7 +101,7 @@ def _without_reversed(samples: tuple[Sample, ...], keyframe: int | None) -> tupl
     while place < len(samples):
         other = samples[place]
         if other.on_path and float((hitch - other.X_OS[:3, 3]) @ other.X_OS[:3, 0]) >= 0.0:
-            break
+            break  # the hitch is ahead of the lateral line through it
         cut |= other.on_path and (passed > 0 or other.joined)
         passed += other.on_path
         if other.tick == keyframe:

@@ -143,8 +143,10 @@ def blended(estimate: OffTracking, correction: Correction | None, follow_distanc
 
     What is held back is an error, and adds to the standard deviation.
     """
-    left = 0.0 if correction is None else 1.0 - (estimate.tick - correction.tick) * TICK / _DURATION
-    if correction is None or not 0.0 < left <= 1.0 or estimate.health is Health.LOST:
+    if correction is None or estimate.health is Health.LOST:
+        return estimate
+    left = 1.0 - (estimate.tick - correction.tick) * TICK / _DURATION
+    if not 0.0 < left <= 1.0:
         return estimate
     offset = left * correction.offset
     return replace(estimate.sheared(offset, follow_distance), std=math.hypot(estimate.std, offset))
@@ -376,7 +378,7 @@ class SignalFusion:
         return memory._replace(alike=alike, turned=max(memory.turned, size) if is_turned else 0.0)
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
-        """Comparison of the motion with dead reckoning; None without signals that can be believed."""
+        """Comparison of the motion with dead reckoning; None without signals."""
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None:

@@ -43,7 +43,7 @@ from vehicle.frames import FloatArray
 
 STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
-_STILL: Final = 50  # the same without other evidence: a speed that is told by pulses may last for less
+_STILL: Final = 50  # equal values in a row of a wheel speed that is stuck, and did not jump before
 _VISIBLE: Final = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _MEAN_OF: Final = 5  # values before a fault
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
@@ -325,9 +325,9 @@ class SignalMonitor:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
         finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
         if signal == 0:
-            jumped_at = memory.jumped[0] if memory.history[-1, 0] - memory.jumped[0] < _RECENT else math.inf
-            before = memory.history[memory.history[:, 0] < jumped_at, SPEED][-_MEAN_OF:]
-            memory = memory._replace(speed=float(before.mean()) if len(before) else 0.0)
+            before = memory.history[memory.history[:, 0] < memory.jumped[0], SPEED]
+            last = before if len(before) else memory.history[:, SPEED]  # it did not jump
+            memory = memory._replace(speed=float(last[-_MEAN_OF:].mean()))
         return self._with_towed(memory._replace(errors=errors, suspect=(-1, 0), findings=(*memory.findings, finding)))
 
     def _measured(self, memory: MonitorMemory, parity: Parity, tick: int) -> MonitorMemory:
@@ -337,10 +337,10 @@ class SignalMonitor:
             return memory
         known = [parity.signature(k) for k in distrusted]
         left, sizes = misfit(parity.values, known)
-        slip = parity.excuses[-1]
-        slips = left > _DETECTED and float(np.abs(parity.values[slip.any(axis=1)]).max(initial=0.0)) > _DETECTED
+        shows_slip = np.abs(parity.values[parity.slip.any(axis=1)]) > _DETECTED
+        slips = left > _DETECTED and bool(shows_slip.any())
         if slips:
-            left, sizes = misfit(parity.values, [*known, slip])  # it looks like every fault but that of the speed
+            left, sizes = misfit(parity.values, [*known, parity.slip])  # like every fault but that of the speed
         if left > _DETECTED:
             return memory  # something else is wrong, too
         first = np.cumsum([0, *(signature.shape[1] for signature in known)])
@@ -374,9 +374,11 @@ class SignalMonitor:
 
     def _no_speed(self, memory: MonitorMemory) -> bool:
         """True if the wheel speed stays the same after a jump, or for a second and is not 0 as of wheels that stand."""
-        newest, jumped = memory.history[-_STILL:], memory.history[-1, 0] - memory.jumped[0] < _RECENT
-        if jumped or len(newest) < _STILL or newest[-1, SPEED] == 0.0 or np.ptp(newest[:, SPEED]) > 0.0:
-            return jumped and self._stuck(memory)[0]
+        if memory.history[-1, 0] - memory.jumped[0] < _RECENT:
+            return self._stuck(memory)[0]
+        newest = memory.history[-_STILL:]
+        if len(newest) < _STILL or newest[-1, SPEED] == 0.0 or np.ptp(newest[:, SPEED]) > 0.0:
+            return False
         noise = white_noise(newest[:, FIRST + self._unit : FIRST + 2 * self._unit + 1])
         return float(np.median(noise)) > _VISIBLE * GYRO_NOISE
 
