@@ -17,6 +17,7 @@ from estimators.odometry.image_points import Points, disparity_guess
 from estimators.stereo_pair import MatchedFrame, mapped, with_levels
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 
 _CELL = 24  # larger than errors of the guessed disparity, small enough for cells without clipped pixels [px]
@@ -105,10 +106,10 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     cell = min(_CELL, *image.shape)
     rows, columns = image.shape[0] // cell, image.shape[1] // cell
     whole = image[: rows * cell : 2, : columns * cell]  # every other row: half the time, and noise is small already
-    mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+    levels, ends = _sums(whole, rows, columns, _END) / (whole.size / (rows * columns))
+    mean = np.rint(levels)
     if clipped:
-        share = cv2.resize(_clipped(whole), (columns, rows), interpolation=cv2.INTER_AREA)
-        mean[share > 255.0 * _CLIPPED] = np.nan
+        mean[np.rint(255.0 * ends) > 255.0 * _CLIPPED] = np.nan
     return mean
 
 
@@ -118,34 +119,38 @@ def clipped_share(image: GreyImage) -> float:
     A left image that is limited to the levels of the right one counts as clipped there.
     """
     sample = image[::4]
-    low, high, _, _ = cv2.minMaxLoc(sample)
-    inside = cv2.countNonZero(cv2.inRange(sample, low + 1, high - 1))
-    return 1.0 - inside / sample.size
+    return float(_sums(sample, 1, 1, 1.0)[1, 0, 0]) / sample.size
 
 
-def _clipped(image: GreyImage) -> GreyImage:
-    """Mask of the clipped pixels: 255 or 0.
+def _sums(image: GreyImage, rows: int, columns: int, end: float) -> NDArray[np.int32]:
+    """Sums (2, rows, columns) over cells: grey levels, and number of those nearer than ``end`` to an end of the range.
 
-    An image that was limited to the levels of another one is clipped at the ends of its own range.
+    They are compiled C (``cells.c``); without a C compiler OpenCV does the same.
     """
-    low, high = _range(image)
-    return np.asarray(cv2.bitwise_not(cv2.inRange(image, float(low), float(high))), dtype=np.uint8)
+    (low, high, _, _), compiled = cv2.minMaxLoc(image), kernel("estimators.odometry", "cells.c", "add_up")
+    low, high, height, width = low + end, high - end, image.shape[0] // rows, image.shape[1] // columns
+    if compiled is None:
+        masks = image, (cv2.inRange(image, low, high) == 0).astype(np.uint8)
+        corners = np.array([cv2.integral(of_all)[::height, ::width] for of_all in masks])
+        return np.diff(np.diff(corners, axis=1), axis=2)
+    image = image if image.strides[1] == 1 else np.ascontiguousarray(image)
+    sums = np.empty((2, rows, columns), np.int32)
+    compiled(rows, columns, height, width, image, image.strides[0], int(low), int(high), sums)
+    return sums
 
 
 def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
     """Cells of the right image, shifted to where the left image shows the same; NaN where it does not."""
-    source = _beside_columns(calibration, *cells.shape)
-    return np.where(source >= 0, np.take_along_axis(cells, np.maximum(source, 0), axis=1), np.nan)
+    return np.append(cells, np.nan)[_beside_places(calibration, *cells.shape)]
 
 
 @lru_cache(maxsize=4)
-def _beside_columns(calibration: StereoCalibration, rows: int, columns: int) -> NDArray[np.int64]:
-    """Column (rows, columns) of the right image's cell that shows the same as each cell of the left one."""
+def _beside_places(calibration: StereoCalibration, rows: int, columns: int) -> NDArray[np.int64]:
+    """Places (rows, columns) among the right image's cells of what each cell of the left one shows; -1: nowhere."""
     v, u = np.mgrid[:rows, :columns]
     centres: Points = (np.column_stack([u.ravel(), v.ravel()]) * _CELL + 0.5 * (_CELL - 1)).astype(np.float32)
     shift = np.rint(disparity_guess(calibration, centres)[:, 0] / _CELL).astype(np.int64).reshape(rows, columns)
-    source: NDArray[np.int64] = u - shift
-    return source
+    return np.where(u >= shift, v * columns + u - shift, -1)
 
 
 def _change(
@@ -185,10 +190,10 @@ def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
 
 def _levels_around(image: GreyImage, points: Points, side: int) -> FloatArray:
     """Mean grey levels (n,) of squares around points (n, 2) [px]; NaN where pixels are clipped."""
-    u, v = np.ascontiguousarray(points.T)
+    (u, v), inside = np.ascontiguousarray(points.T), cv2.inRange(image, *_range(image).tolist())
     level, clipped = (
         cv2.remap(cv2.blur(of_all, (side, side)), u, v, cv2.INTER_LINEAR).ravel().astype(np.float64)
-        for of_all in (image.astype(np.float32), _clipped(image).astype(np.float32))
+        for of_all in (image.astype(np.float32), cv2.bitwise_not(inside).astype(np.float32))
     )
     return np.where(clipped > 255.0 * _CLIPPED, np.nan, level)
 

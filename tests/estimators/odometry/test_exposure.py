@@ -9,7 +9,7 @@ import pytest
 from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import clipped_share, match_clipping, match_exposures, match_over_time
+from estimators.odometry.exposure import cell_means, clipped_share, match_clipping, match_exposures, match_over_time
 from estimators.odometry.image_points import detect_corners
 from estimators.odometry.warped_matching import match_patches
 from estimators.stereo_pair import MatchedFrame, Turned, with_levels
@@ -107,6 +107,25 @@ def test_clipped_share_counts_what_the_other_camera_does_not_show(drive: Drive) 
     limited = match_exposures(drive.calibration, right_exposed(frame, 2.0, 0.0))
     assert clipped_share(frame.left) < 0.02
     assert clipped_share(limited.left) == pytest.approx(bright, abs=0.06)  # a level of noise at the limit is 3 %
+
+
+def test_cells_are_the_same_without_a_compiler(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums of grey levels are whole numbers, so that compiled C and OpenCV agree bit by bit; also of part of an image.
+
+    Cells are compared with means by definition; 1e-12 is rounding.
+    """
+    image = exposed(drive.frames[20].left, 2.0, -40.0)
+    images = (image, np.asfortranarray(image), image[:, 100:-100], image[:20, :70])
+    compiled = [(cell_means(one), clipped_share(one)) for one in images]
+    assert np.isnan(compiled[0][0]).any()
+    means = cell_means(image, clipped=False)
+    assert means[2, 3] == np.rint(image[48:72:2, 72:96].mean())
+    ends = (image[::4] == image[::4].min()) | (image[::4] == image[::4].max())
+    assert compiled[0][1] == pytest.approx(ends.mean(), rel=1e-12)
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    for one, (cells, share) in zip(images, compiled, strict=True):
+        np.testing.assert_array_equal(cell_means(one), cells)
+        assert clipped_share(one) == share
 
 
 def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
