@@ -217,7 +217,7 @@ def track(
         winSize=(_WINDOW, _WINDOW),
         maxLevel=levels,
         criteria=_CRITERIA,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS,  # as the error: known anyway
         minEigThreshold=_FLATTEST,
     )
     return np.asarray(tracked, dtype=np.float32), np.asarray(found).ravel() > 0
