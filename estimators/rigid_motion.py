@@ -131,7 +131,8 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
     OpenCV's Rodrigues rounds rotations below 1e-5 rad to zero; increments of an odometry are of that order.
     """
-    w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(angle) along the axis
-    sine = float(np.linalg.norm(w))
-    angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    w = 0.5 * np.array([zy - yz, xz - zx, yx - xy])  # sin(angle) along the axis
+    sine = math.sqrt(w @ w)
+    angle = math.atan2(sine, 0.5 * (xx + yy + zz - 1.0))
     return w * (angle / sine if sine > 0.0 else 1.0)

@@ -415,7 +415,7 @@ def _away_from_zero(speed: FloatArray) -> FloatArray:
 
 def _mean_before(ticks: FloatArray, values: FloatArray, span: int) -> FloatArray:
     """Mean (n, ...) over a ``span`` [ticks] up to each sample; less than that is made up for by zeros."""
-    sums = np.insert(np.cumsum(values, axis=0), 0, 0.0, axis=0)
+    sums = np.concatenate([np.zeros_like(values[:1]), values.cumsum(axis=0)])
     first = np.searchsorted(ticks, ticks - span, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else span

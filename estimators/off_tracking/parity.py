@@ -56,7 +56,8 @@ def noise_level(history: FloatArray, unit: int) -> float:
 
 def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     """Integral (n, ...) from the first of n samples to every sample, ``dt`` (n - 1,) apart, by the trapezoidal rule."""
-    return np.insert(np.cumsum((0.5 * dt * (values[1:] + values[:-1]).T).T, axis=0), 0, 0.0, axis=0)
+    areas = (0.5 * dt * (values[1:] + values[:-1]).T).T
+    return np.concatenate([np.zeros_like(values[:1]), areas.cumsum(axis=0)])
 
 
 def acceleration(rows: FloatArray) -> float:
