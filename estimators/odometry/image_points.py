@@ -107,15 +107,11 @@ def warps(R: FloatArray, t: FloatArray, planes: FloatArray, rays: FloatArray) ->
     X' = R X + t transforms points into the second camera; R (..., 3, 3), t, planes and rays (..., 3) broadcast. The
     warp is the inverse of the Jacobian of x' = (H x) / (H x)_z, H = R + t n'.
     """
-    H = R + t[..., None] * planes[..., None, :]
-    mapped = np.einsum("...ij,...j->...i", H, rays)
-    forward = (H[..., :2, :2] - (mapped[..., :2] / mapped[..., 2:])[..., None] * H[..., 2:, :2]) / mapped[..., 2:, None]
-    determinant = forward[..., 0, 0] * forward[..., 1, 1] - forward[..., 0, 1] * forward[..., 1, 0]
-    backward: FloatArray = np.empty_like(forward)
-    backward[..., 0, 0], backward[..., 1, 1] = forward[..., 1, 1], forward[..., 0, 0]
-    backward[..., 0, 1], backward[..., 1, 0] = -forward[..., 0, 1], -forward[..., 1, 0]
-    backward /= determinant[..., None, None]
-    return backward
+    # components before points, as in ``estimators.stereo_pair``
+    H = np.moveaxis(R + t[..., None] * planes[..., None, :], (-2, -1), (0, 1))
+    x, y, z = H[:, 0] * rays[..., 0] + H[:, 1] * rays[..., 1] + H[:, 2] * rays[..., 2]
+    (a, b), (c, d) = (H[:2, :2] - (np.array([x, y]) / z)[:, None] * H[2, :2]) / z
+    return np.moveaxis(np.array([[d, -b], [-c, a]]) / (a * d - b * c), (0, 1), (-2, -1))
 
 
 def rays_through(calibration: StereoCalibration, points: Points | FloatArray) -> FloatArray:

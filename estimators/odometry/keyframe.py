@@ -214,12 +214,12 @@ def _between(own_P: FloatArray, own_C: FloatArray, X_PC: FloatArray) -> FloatArr
 
 def _with_misses(keyframes: tuple[Keyframe, ...], pose: Located) -> tuple[Keyframe, ...]:
     """Keyframes with updated counts of consecutive misses for all points that were searched for."""
-    updated, bounds = [], np.searchsorted(pose.tracks.keyframe, np.arange(len(keyframes) + 1))
-    for keyframe, start, end in zip(keyframes, bounds, bounds[1:], strict=False):
-        misses, feature = keyframe.misses.copy(), pose.tracks.feature[start:end]
-        misses[feature] = np.where(pose.agreeing[start:end], 0, misses[feature] + 1)
-        updated.append(keyframe._replace(misses=misses))
-    return tuple(updated)
+    misses, counts = np.concatenate([keyframe.misses for keyframe in keyframes]), [len(one.misses) for one in keyframes]
+    ends = np.cumsum(counts)
+    place = (ends - counts)[pose.tracks.keyframe] + pose.tracks.feature
+    misses[place] = np.where(pose.agreeing, 0, misses[place] + 1)
+    of_each = zip(keyframes, np.split(misses, ends[:-1]), strict=True)
+    return tuple(keyframe._replace(misses=part) for keyframe, part in of_each)
 
 
 def _keyframe_due(newest: Keyframe, pose: Located) -> bool:
