@@ -159,9 +159,11 @@ def with_calibration(
 
     def doubted(one: _Measured) -> _Measured:
         X = one.uncertain.X
-        errors, late = _errors(X, by_angles), _errors(X, doubt.shift / calibration.baseline * _BY_SHIFT)
-        number = max(1.0, _ALIKE_OVER / max(float(np.linalg.norm(X[:3, 3])), _LEAST_DISTANCE))
-        covariance = one.covariance + errors @ errors.T + number * late @ late.T
+        errors = _errors(X, by_angles)
+        covariance = one.covariance + errors @ errors.T
+        if doubt.shift:
+            late = _errors(X, doubt.shift / calibration.baseline * _BY_SHIFT)
+            covariance += max(1.0, _ALIKE_OVER / max(float(np.linalg.norm(X[:3, 3])), _LEAST_DISTANCE)) * late @ late.T
         return replace(one, covariance=covariance, common=np.hstack([one.common[:, :6], errors]))
 
     if Health.LOST in (doubt.health, motion.health):

@@ -128,6 +128,7 @@ class Reckoned(NamedTuple):
     by_slip: FloatArray  # (3, 2) derivatives by slips that last: of the tractor's rear axle, and of braked wheels
     by_signals: FloatArray  # (3, k) the same by errors of speed, articulations and yaw rates
     own_slip: float  # of the trailer's axles if the pose is right, mean [rad]; NaN at walking pace
+    level: float  # noise of the signals over the assumed one
 
 
 class _Rates(NamedTuple):
@@ -168,12 +169,12 @@ class DeadReckoning:
         """Parameters before anything is learnt."""
         return Parameters(self._mean, np.diag(self._std**2))
 
-    def possible(self, parameters: Parameters, history: FloatArray) -> Parameters:
+    def possible(self, parameters: Parameters, level: float) -> Parameters:
         """Parameters with errors of sensors that are not larger than they may be; slips have no limit.
 
-        Sensors that are noisier than assumed are expected to have larger constant errors as well.
+        Sensors that are noisier than assumed, by their ``level``, are expected to have larger constant errors as well.
         """
-        most = noise_level(history, self._unit) * self._largest
+        most = level * self._largest
         return parameters._replace(mean=np.clip(parameters.mean, self._mean - most, self._mean + most))
 
     def contradictions(self, parameters: Parameters, history: FloatArray) -> tuple[float, float, float]:
@@ -248,7 +249,7 @@ class DeadReckoning:
         rest, apart = turned_otherwise(history, self._unit), np.diff(np.eye(self._unit + 1), axis=0)
         before = rest[earlier][-_LATELY:]
         change = rest[-_MEAN_OF:].mean(axis=0) - before.mean(axis=0) - apart @ start.mean[_GYROS:] * span
-        white = (noise_level(history, self._unit) * ARTICULATION_NOISE) ** 2 * (1.0 / _MEAN_OF + 1.0 / len(before))
+        white = (known.level * ARTICULATION_NOISE) ** 2 * (1.0 / _MEAN_OF + 1.0 / len(before))
         noise = white + np.diag(apart @ start.covariance[_GYROS:, _GYROS:] @ apart.T) * span**2
         angles = np.sqrt(np.maximum(0.0, change**2 - noise))
         by_angle, by_rate = known.by_signals[:, 1 : 1 + self._unit], known.by_signals[:, 1 + self._unit :] / span
@@ -399,7 +400,7 @@ class DeadReckoning:
         at_end = Parameters(self._mean + kept[-1] * (mean - self._mean), known)
         lasting = G.sum(axis=0)
         by_slip, by_signals = lasting[:, [_VARYING, _BRAKING]], lasting[:, p:-3] / level
-        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), by_slip, by_signals, of.own_slip)
+        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), by_slip, by_signals, of.own_slip, level)
 
 
 def _rotations(angles: FloatArray) -> FloatArray:

@@ -397,7 +397,7 @@ class SignalFusion:
         own_slip, own_std = reckoned.own_slip + direction, math.sqrt(motion.covariance[4, 4]) / distance
         mean, covariance = reckoned.parameters
         corrected = Parameters(mean + gain @ innovation, covariance - gain @ S @ gain.T)
-        corrected = self._reckoning.possible(corrected, memory.history)
+        corrected = self._reckoning.possible(corrected, reckoned.level)
         return Comparison(
             reckoned,
             innovation,
