@@ -233,7 +233,7 @@ def from_motion(
     X_CP, angles = inverse(X_PC), prior
     R, t = X_CP[:3, :3], X_CP[:3, 3]
     prior_information = np.zeros((9, 9))
-    prior_information[6:, 6:] = _inverse(covariance)
+    prior_information[6:, 6:] = np.linalg.inv(covariance)
     for k in range(_ROUNDS):
         r, J, precision = _residuals(calibration, first, second, R, t, RightRotation(*angles))
         error = np.sqrt(np.vecdot(r, (precision @ r[..., None])[..., 0]) / 3.0)
@@ -285,7 +285,7 @@ def _residuals(
     J = np.concatenate([np.cross(turned[:, None, :], J_h), inverse_depth[:, None, None] * J_h, by_angles], axis=2)
     covariance = (carried * _with_lens(calibration, first)[:, None, :]) @ carried.transpose(0, 2, 1)
     covariance += np.eye(3) * _with_lens(calibration, second)[:, None, :]
-    return z - images(calibration, heads, inverse_depth), J, _inverse(covariance)
+    return z - images(calibration, heads, inverse_depth), J, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 def _with_lens(calibration: StereoCalibration, images: Images) -> FloatArray:
@@ -316,8 +316,3 @@ def _angle_jacobian(calibration: StereoCalibration, straight: FloatArray) -> Flo
     shift = sensitivity(calibration, straight)
     G[:, 1], G[:, 2] = 0.5 * shift[:, 1], shift[:, 0]
     return G
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of matrices (..., m, m)."""
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

@@ -1,7 +1,7 @@
-/* Sums over the cells of a grey image, as by OpenCV in exposure.py, with whole rows of pixels at once. */
 #include <stdint.h>
 
-/* grey levels of cells (rows, columns), height x width pixels each, and then the number of these outside low to high */
+/* Sums over cells (rows, columns) of height x width pixels, as by OpenCV in exposure.py: of grey levels, and then of the
+   number of those outside low to high. */
 void add_up(long rows, long columns, long height, long width, const uint8_t *image, long stride, long low, long high,
             int32_t *sums) {
   const int16_t least = low, most = high;
@@ -10,10 +10,7 @@ void add_up(long rows, long columns, long height, long width, const uint8_t *ima
     uint16_t level[all], outside[all];  /* of a column; 257 rows at most have such a level */
     for (long x = 0; x < all; x++) level[x] = outside[x] = 0;
     for (long y = 0; y < height; y++, image += stride)
-      for (long x = 0; x < all; x++) {
-        const int16_t grey = image[x];
-        level[x] += grey, outside[x] += (grey < least) | (grey > most);
-      }
+      for (long x = 0; x < all; x++) level[x] += image[x], outside[x] += (image[x] < least) | (image[x] > most);
     for (long j = 0; j < columns; j++, sums++) {
       int32_t grey = 0, number = 0;
       for (long x = j * width; x < (j + 1) * width; x++) grey += level[x], number += outside[x];

@@ -54,7 +54,8 @@ def match_exposures(calibration: StereoCalibration, frame: StereoFrame) -> Match
     """
     if isinstance(frame, MatchedFrame):
         return frame
-    left, right = cell_means(frame.left), _beside(calibration, cell_means(frame.right))
+    left, right = cell_means(frame.left), cell_means(frame.right)
+    right = np.append(right, np.nan)[_beside(calibration, *right.shape)]
     change = _change(frame.right, right, frame.left, left)
     left_image, right_image = frame.left, frame.right
     if change is not None:
@@ -139,13 +140,8 @@ def _sums(image: GreyImage, rows: int, columns: int, end: float) -> NDArray[np.i
     return sums
 
 
-def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
-    """Cells of the right image, shifted to where the left image shows the same; NaN where it does not."""
-    return np.append(cells, np.nan)[_beside_places(calibration, *cells.shape)]
-
-
 @lru_cache(maxsize=4)
-def _beside_places(calibration: StereoCalibration, rows: int, columns: int) -> NDArray[np.int64]:
+def _beside(calibration: StereoCalibration, rows: int, columns: int) -> NDArray[np.int64]:
     """Places (rows, columns) among the right image's cells of what each cell of the left one shows; -1: nowhere."""
     v, u = np.mgrid[:rows, :columns]
     centres: Points = (np.column_stack([u.ravel(), v.ravel()]) * _CELL + 0.5 * (_CELL - 1)).astype(np.float32)

@@ -229,7 +229,8 @@ class SignalMonitor:
         of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
         is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
         unexplained = left > _DETECTED and not is_suspect and not memory.distrusted
-        at_odds = (of_hitch or memory.contradicted) and unexplained and self._alive(memory)
+        alive = unexplained and bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
+        at_odds = (of_hitch or memory.contradicted) and alive
         memory = self._doubted(memory, at_odds or (reference is None and self._lasts(memory)))
         return memory if reference is None else self._measured(memory, parity, tick)
 
@@ -359,10 +360,6 @@ class SignalMonitor:
         memory = memory._replace(errors=tuple(errors), findings=findings)
         is_known = all(error is None or error.tick == tick or not _is_unknown(error) for error in errors)
         return self._with_towed(memory) if is_known else memory
-
-    def _alive(self, memory: MonitorMemory) -> bool:
-        """True if most signals change."""
-        return bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
 
     def _evident(self, memory: MonitorMemory) -> list[bool]:
         """Signals that cannot be true by themselves: they jumped, or are stuck."""
