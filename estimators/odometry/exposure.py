@@ -108,7 +108,7 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     rows, columns = image.shape[0] // cell, image.shape[1] // cell
     whole = image[: rows * cell : 2, : columns * cell]  # every other row: half the time, and noise is small already
     levels, ends = _sums(whole, rows, columns, _END) / (whole.size / (rows * columns))
-    mean = np.rint(levels)
+    mean: FloatArray = np.rint(levels)
     if clipped:
         mean[np.rint(255.0 * ends) > 255.0 * _CLIPPED] = np.nan
     return mean
