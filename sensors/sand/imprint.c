@@ -42,8 +42,10 @@ void imprint(long rows, long columns, long sweeps, const float *numbers, const f
              const float *broad, float *height, uint8_t *packed, uint8_t *inside, double *removed) {
   const Imprint *p = (const Imprint *)numbers;
   double sum = 0.0;
-  float before[columns]; /* before: what slid from the texels before */
-  for (long k = 0, row = 0; row < rows; row++)
+  float before[columns];          /* before: what slid from the texels before */
+  long first[rows], beyond[rows]; /* columns inside */
+  for (long k = 0, row = 0; row < rows; row++) {
+    first[row] = columns, beyond[row] = 0;
     for (long column = 0; column < columns; column++, k++) {
       const float x = column * TEXEL, y = row * TEXEL;
       const float from_a = (x - p->ax) * p->tax + (y - p->ay) * p->tay;
@@ -56,6 +58,8 @@ void imprint(long rows, long columns, long sweeps, const float *numbers, const f
       const float straight = dy * tx - dx * ty;
       if (fabsf(straight) >= p->reach) continue;
       inside[k] = 1;
+      if (first[row] == columns) first[row] = column;
+      beyond[row] = column + 1;
       const float across = straight + 0.0011f * fine[k] + 0.0014f * broad[k];
       const float share = clipped((p->brink + 0.5f * p->wall - fabsf(across)) / p->wall, 0.0f, 1.0f);
       const float cut = share * share * (3.0f - 2.0f * share);
@@ -71,12 +75,13 @@ void imprint(long rows, long columns, long sweeps, const float *numbers, const f
       }
       height[k] = rut + berm(p, across, fine[k], broad[k]) * (1.0f - cut);
     }
+  }
   *removed = sum * TEXEL * TEXEL;
   for (long sweep = 0; sweep < 2 * sweeps; sweep++) {
     const long sideways = sweep % 2, next = sideways ? 1 : columns;
     memset(before, 0, sizeof before);
-    for (long k = 0, row = 0; row < rows; row++)
-      for (long column = 0; column < columns; column++, k++) {
+    for (long row = 0; row < rows; row++)
+      for (long column = first[row], k = row * columns + column; column < beyond[row]; column++, k++) {
         float *from = before + (sideways ? 0 : column), slide = 0.0f;
         if (inside[k] && (sideways ? column : row) + 1 < (sideways ? columns : rows) && inside[k + next]) {
           const float rise = height[k + next] - height[k];

@@ -9,9 +9,12 @@ from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.sand.grid import TEXEL, Bytes, Crumbs, Floats, Window
 from sensors.textures import fractal_noise, sigmoid, to_bytes
+from vehicle.engine.compiler import kernel
+from vehicle.frames import FloatArray
 from vehicle.rover.terrain import Terrain
 
 SMALLEST, LARGEST = 0.0015, 0.017  # radius of pebbles [m]
@@ -24,26 +27,17 @@ class Shape(NamedTuple):
     """Shape of a pebble from above."""
 
     height: Floats  # (n, n) above the sand [m], nowhere below -1 mm
-    inside: Bytes  # (n, n) 1 inside the outline
-    radius: float  # [m]
+    inside: NDArray[np.bool_]  # (n, n) True inside the outline
 
 
-class Pebble(NamedTuple):
-    """Pebble in or near a window."""
+class Scatter(NamedTuple):
+    """Pebbles in and near a window, the lowest first."""
 
-    shape: Shape
-    row: int  # of its middle in the window [texels]
-    column: int
-    albedo: float  # relative to sand
-    tint: float  # 0 sand, 1 grey stone
-
-    def cover(self, size: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-        """Slices of a window of this size that it covers, and of the visible part of its shape."""
-        n = len(self.shape.height) // 2
-        extent = Window(self.row - n, self.column - n, self.row + n + 1, self.column + n + 1)
-        whole = Window(0, 0, *size)
-        common = extent.common(whole)
-        return common.within(whole), common.within(extent)
+    shape: NDArray[np.int64]  # (n,) index
+    row: NDArray[np.int64]  # (n,) of their middles in the window [texels]
+    column: NDArray[np.int64]
+    albedo: FloatArray  # (n,) relative to sand
+    tint: FloatArray  # (n,) 0 sand, 1 grey stone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +54,12 @@ class Pebbles:
         radii = np.minimum(SMALLEST * (1.0 - shares) ** (-1.0 / _POWER), LARGEST)
         return cls(tuple(_shape(rng, float(radius)) for radius in radii), density)
 
-    def near(self, seed: int, window: Window) -> list[Pebble]:
+    def near(self, seed: int, window: Window) -> Scatter:
         """Pebbles that reach into a window, whose borders are multiples of its size; the same for each neighbour."""
-        return [pebble for i in (-1, 0, 1) for j in (-1, 0, 1) for pebble in self._scattered(seed, window, i, j)]
+        cells = (self._scattered(seed, window, i, j) for i in (-1, 0, 1) for j in (-1, 0, 1))
+        return Scatter(*map(np.concatenate, zip(*cells, strict=True)))
 
-    def _scattered(self, seed: int, window: Window, i: int, j: int) -> list[Pebble]:
+    def _scattered(self, seed: int, window: Window, i: int, j: int) -> Scatter:
         """Pebbles of the window i rows and j columns of windows away that reach into this one."""
         rows, columns = window.shape
         cell = (window.top // rows + i + _POSITIVE, window.left // columns + j + _POSITIVE)
@@ -73,14 +68,36 @@ class Pebbles:
         shapes = rng.integers(len(self.shapes), size=count)
         row, column = (rng.integers(side, size=count) + side * shift for side, shift in ((rows, i), (columns, j)))
         albedo, tint = rng.uniform(0.55, 1.15, count), rng.uniform(0.1, 0.8, count)
-        reach = np.array([len(shape.height) // 2 for shape in self.shapes])[shapes]
+        reach = self._halves[shapes]
         reaching = (row + reach >= 0) & (row - reach < rows) & (column + reach >= 0) & (column - reach < columns)
-        return [
-            Pebble(self.shapes[shape], *place)
-            for shape, *place in zip(
-                *(values[reaching].tolist() for values in (shapes, row, column, albedo, tint)), strict=True
-            )
-        ]
+        return Scatter(shapes[reaching], row[reaching], column[reaching], albedo[reaching], tint[reaching])
+
+    def lay(self, scatter: Scatter, height: Floats, albedo: Floats, tint: Floats) -> None:
+        """Lay pebbles on the sand of a window."""
+        halves = self._halves[scatter.shape]
+        compiled = kernel("sensors.sand", "relief.c", "lay")
+        if compiled is not None:
+            sizes = [shape.height.size for shape in self.shapes]
+            begins = np.cumsum([0, *sizes[:-1]])[scatter.shape]
+            places = np.column_stack([scatter.row, scatter.column, halves, begins])
+            shapes = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*self.shapes, strict=True))
+            looks = np.column_stack([scatter.albedo, scatter.tint]).astype(np.float32)
+            compiled(len(places), *height.shape, places, looks, *shapes, height, albedo, tint)
+            return
+        whole = Window(0, 0, *height.shape)
+        for k, row, column, own_albedo, own_tint, n in zip(
+            *(part.tolist() for part in (*scatter, halves)), strict=True
+        ):
+            extent = Window(row - n, column - n, row + n + 1, column + n + 1)
+            here, part = extent.common(whole).within(whole), extent.common(whole).within(extent)
+            inside, ground = self.shapes[k].inside[part], height[here]
+            np.maximum(0.5 * ground + self.shapes[k].height[part], ground, out=ground, where=inside)
+            albedo[here][inside], tint[here][inside] = own_albedo, own_tint
+
+    @property
+    def _halves(self) -> NDArray[np.int64]:
+        """Half sizes of the shapes [texels]."""
+        return np.array([len(shape.height) // 2 for shape in self.shapes])
 
 
 def _shape(rng: np.random.Generator, radius: float) -> Shape:
@@ -96,7 +113,7 @@ def _shape(rng: np.random.Generator, radius: float) -> Shape:
     q = (u * u + v * v) / (radius * outline) ** 2
     height = radius * rng.uniform(0.45, 0.85) * (np.clip(1.0 - q, 0.0, 1.0) ** 0.6 - 0.1)
     smooth = cv2.GaussianBlur(height.astype(np.float32), (0, 0), 0.7)
-    return Shape(np.asarray(smooth, dtype=np.float32), (q < 1.0).astype(np.uint8), radius)
+    return Shape(np.asarray(smooth, dtype=np.float32), q < 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,7 +282,7 @@ class Relief:
         if self.kind.wet:
             albedo *= 1.0 - self.kind.wet * sigmoid(6.0 * (patches - 0.8))
         tint = np.zeros(window.shape, np.float32)
-        self._lay_pebbles(window, height, albedo, tint)
+        self.pebbles.lay(self.pebbles.near(self.seed, window), height, albedo, tint)
         height += self.large(window)
         return UndisturbedSand(
             height.astype(np.float32), np.clip(ALBEDO * albedo, 0, 255).astype(np.uint8), to_bytes(tint)
@@ -311,15 +328,6 @@ class Relief:
         begin = float(window.corner @ [c, s]) / length
         return x * np.float32(c / length) + y * np.float32(s / length) + np.float32(begin - math.floor(begin))
 
-    def _lay_pebbles(self, window: Window, height: Floats, albedo: Floats, tint: Floats) -> None:
-        for pebble in self.pebbles.near(self.seed, window):
-            here, part = pebble.cover(window.shape)
-            inside = pebble.shape.inside[part] > 0
-            ground = height[here]
-            ground[inside] = np.maximum(0.5 * ground[inside] + pebble.shape.height[part][inside], ground[inside])
-            albedo[here][inside] = pebble.albedo
-            tint[here][inside] = pebble.tint
-
 
 def _band(longest: float, shortest: float, cell: float) -> tuple[float, float]:
     """Band of wavelengths [m] in cycles per cell."""
@@ -329,8 +337,9 @@ def _band(longest: float, shortest: float, cell: float) -> tuple[float, float]:
 def _wrapped(layer: Floats, window: Window) -> Floats:
     """Window of a periodic map."""
     n = len(layer)
-    top, left = window.top % n, window.left % n
-    rows, columns = window.shape
-    if top + rows <= n and left + columns <= n:
-        return layer[top : top + rows, left : left + columns]
-    return layer[np.ix_(np.arange(top, top + rows) % n, np.arange(left, left + columns) % n)]
+    rows, columns = (
+        [slice(max(begin - k, 0), min(begin + size - k, n)) for k in range(0, begin + size, n)]
+        for begin, size in ((window.top % n, window.shape[0]), (window.left % n, window.shape[1]))
+    )
+    parts = [[layer[r, c] for c in columns] for r in rows]
+    return parts[0][0] if len(rows) == len(columns) == 1 else np.block(parts)

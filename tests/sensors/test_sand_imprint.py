@@ -229,7 +229,7 @@ def test_compiled_and_plain_code_shape_and_light_the_same_sand(
         compiled.append(kernel(*name))
         return compiled[-1]
 
-    for module in ("grid", "field"):
+    for module in ("grid", "field", "relief"):
         monkeypatch.setattr(f"sensors.sand.{module}.kernel", recorded)
     for _ in range(2):
         fields.append(field_of(relief))
