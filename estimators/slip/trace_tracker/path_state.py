@@ -13,7 +13,7 @@ and compass measure.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -353,16 +353,14 @@ def with_new_trace(histories: Histories, slip: float, std: float) -> Histories:
 
 def with_trace(
     histories: Histories,
-    rig: TraceRig,
-    bands: FloatArray,
+    predictions: Sequence[tuple[FloatArray, FloatArray]],
     positions: FloatArray,
     use: NDArray[np.bool_],
     noise: FloatArray,
 ) -> Histories:
-    """Histories corrected by lateral positions (bands,) of the trace, in the bands of ``use``."""
+    """Histories corrected by lateral positions (bands,) of the trace, in the bands of ``use``, after ``predicted``."""
     paths, worth = [], []
-    for path in histories.paths:
-        expected, gradient = predicted(path, rig, bands)
+    for path, (expected, gradient) in zip(histories.paths, predictions, strict=True):
         corrected, likelihood = with_innovation(path, gradient[use], (positions - expected)[use], noise)
         paths.append(corrected)
         worth.append(likelihood)

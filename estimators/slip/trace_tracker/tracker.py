@@ -71,8 +71,9 @@ _TWIST: Final = math.radians(0.05)  # [rad]
 
 
 class Sight(NamedTuple):
-    """What the trace should look like in the bands of an image."""
+    """Where the trace should lie in the bands of an image, and what it should look like."""
 
+    predictions: list[tuple[FloatArray, FloatArray]]  # of each path, see ``path_state.predicted``
     directions: FloatArray  # (bands,) of the trace in the world [rad]
     under: Profiles  # (AZIMUTHS, shadows, bands, CHANNELS, WIDTH) under all suns
     sunny: Profiles  # (bands, CHANNELS, WIDTH) unit profiles under the likely suns
@@ -103,11 +104,7 @@ class Ground(NamedTuple):
     line: PathState  # the expected trace
     curve: Curve  # the same on the ground
     image: FloatImage  # (rows, columns, CHANNELS)
-
-    @property
-    def bands(self) -> FloatArray:
-        """Distances (bands,) behind the wheel [m]."""
-        return banded(self.curve.behind)
+    bands: FloatArray  # (bands,) distances behind the wheel [m]
 
 
 def matched(ground: Ground, path: Histories, templates: Templates, sun: FloatArray) -> Look:
@@ -115,7 +112,8 @@ def matched(ground: Ground, path: Histories, templates: Templates, sun: FloatArr
     slips = path_state.fronts_at(ground.line, ground.rig, ground.bands)
     directions, under = float(ground.line.headings[0]) + ground.curve.directions, at_slips(templates.profiles, slips)
     sunny, shaded = unit(likely(under, sun, directions)), unit(at_slips(templates.shaded, slips))
-    sight = Sight(directions, under, sunny, shaded)
+    predictions = [path_state.predicted(one, ground.rig, ground.bands) for one in path.paths]
+    sight = Sight(predictions, directions, under, sunny, shaded)
     look = _match(ground, path, ground.line, sight)
     for _ in range(_LOOKS - 1):
         look = _match(ground, path, look.path.together, sight)
@@ -137,7 +135,7 @@ def _match(ground: Ground, prior: Histories, line: PathState, sight: Sight) -> L
     accepted = (scores > _MATCHED) & (np.abs(positions - expected) < _FARTHEST * std + _SPARE)
     if accepted.any():
         noise = _noise(scores[accepted], bands[accepted])
-        corrected = path_state.with_trace(prior, rig, bands, positions, accepted, noise)
+        corrected = path_state.with_trace(prior, sight.predictions, positions, accepted, noise)
     at = np.rint(off / STEP).astype(int) + SEARCH
     band = np.arange(len(at))
     best, by_sun = cut[band, at], (in_sun.mean(axis=1) > in_shade.mean(axis=1))[band, at]
@@ -439,7 +437,8 @@ class FTracePlus:
     def _ground(self, line: PathState, image: GreyImage, half: int) -> Ground:
         """Ground along the line of the trace, ``half`` pixels to either side."""
         curve = Curve.through(self._patch.behind, path_state.trace(line, self._rig, self._patch.behind))
-        return Ground(self._rig, line, curve, channels(self._patch.along(curve, image, half)))
+        along = channels(self._patch.along(curve, image, half))
+        return Ground(self._rig, line, curve, along, banded(curve.behind))
 
     def _searched(self, memory: TraceMemory, path: Histories, image: GreyImage) -> tuple[TraceMemory, Histories]:
         """Memory and path after a search for a new trace, which slants to that of a rover without slip."""

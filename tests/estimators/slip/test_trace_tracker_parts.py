@@ -138,7 +138,8 @@ def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float,
         true.mean[0] = math.radians(slips[k // 10 % 2])
         both = both.each(partial(with_straight_piece, k))
         lies = path_state.trace(true, RIG, BEHIND)
-        both = path_state.with_trace(both, RIG, BEHIND, lies, every, 9e-6 * np.eye(len(BEHIND)))
+        predictions = [path_state.predicted(path, RIG, BEHIND) for path in both.paths]
+        both = path_state.with_trace(both, predictions, lies, every, 9e-6 * np.eye(len(BEHIND)))
     assert both.paths[0].pace is QUICK
     assert bool(both.shares[0] > 0.5) is quick
 
