@@ -84,11 +84,11 @@ class WheelBody:
         square = b * b - a * (o[0] ** 2 + o[2] ** 2 - radius**2)
         tread = (-b - np.sqrt(np.maximum(square, 0.0))) / np.maximum(a, np.float32(1e-9))
         on_tread = (square > 0.0) & (np.abs(o[1] + tread * y) < half)
-        side = np.sign(o[1])
-        disc = (side * half - o[1]) / np.where(np.abs(y) > 1e-6, y, np.float32(1e-6))
-        on_disc = (abs(o[1]) > half) & (disc > 0.0)
-        on_disc &= (o[0] + disc * x) ** 2 + (o[2] + disc * z) ** 2 < radius**2
-        on_tread &= ~on_disc | (tread < disc)
+        side, on_disc, disc = np.sign(o[1]), np.zeros_like(on_tread), tread
+        if abs(o[1]) > half:
+            disc = (side * half - o[1]) / np.where(np.abs(y) > 1e-6, y, np.float32(1e-6))
+            on_disc = (disc > 0.0) & ((o[0] + disc * x) ** 2 + (o[2] + disc * z) ** 2 < radius**2)
+            on_tread &= ~on_disc | (tread < disc)
         met = on_tread | on_disc
         first = on_tread[met]
         depth = np.where(first, tread[met], disc[met])
