@@ -58,8 +58,7 @@ void imprint(long rows, long columns, long sweeps, const float *numbers, const f
       const float straight = dy * tx - dx * ty;
       if (fabsf(straight) >= p->reach) continue;
       inside[k] = 1;
-      if (first[row] == columns) first[row] = column;
-      beyond[row] = column + 1;
+      first[row] = first[row] < column ? first[row] : column, beyond[row] = column + 1;
       const float across = straight + 0.0011f * fine[k] + 0.0014f * broad[k];
       const float share = clipped((p->brink + 0.5f * p->wall - fabsf(across)) / p->wall, 0.0f, 1.0f);
       const float cut = share * share * (3.0f - 2.0f * share);

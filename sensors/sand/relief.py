@@ -5,7 +5,7 @@ Each map is periodic. Where a period of one metre would be visible, two maps wit
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import cv2
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sensors.sand.grid import TEXEL, Bytes, Crumbs, Floats, Window
 from sensors.textures import fractal_noise, sigmoid, to_bytes
 from vehicle.engine.compiler import kernel
-from vehicle.frames import FloatArray
 from vehicle.rover.terrain import Terrain
 
 SMALLEST, LARGEST = 0.0015, 0.017  # radius of pebbles [m]
@@ -23,28 +22,13 @@ _SHAPES: Final = 96
 _POSITIVE: Final = 1 << 20  # offset that keeps seeds positive: more windows than a field has to any side
 
 
-class Shape(NamedTuple):
-    """Shape of a pebble from above."""
-
-    height: Floats  # (n, n) above the sand [m], nowhere below -1 mm
-    inside: NDArray[np.bool_]  # (n, n) True inside the outline
-
-
-class Scatter(NamedTuple):
-    """Pebbles in and near a window, the lowest first."""
-
-    shape: NDArray[np.int64]  # (n,) index
-    row: NDArray[np.int64]  # (n,) of their middles in the window [texels]
-    column: NDArray[np.int64]
-    albedo: FloatArray  # (n,) relative to sand
-    tint: FloatArray  # (n,) 0 sand, 1 grey stone
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Pebbles:
-    """Shapes by growing radius, and the density of pebbles."""
+    """Square shapes by growing radius, one after the other, and the density of pebbles."""
 
-    shapes: tuple[Shape, ...]
+    heights: Floats  # (texels,) above the sand [m], nowhere below -1 mm
+    inside: NDArray[np.bool_]  # (texels,) True inside the outlines
+    halves: NDArray[np.int64]  # (shapes,) of their sides, without the middle [texels]
     density: float  # [1/m2]
 
     @classmethod
@@ -52,56 +36,52 @@ class Pebbles:
         """Draw shapes with the radii of shingle."""
         shares = (np.arange(_SHAPES) + 0.5) / _SHAPES
         radii = np.minimum(SMALLEST * (1.0 - shares) ** (-1.0 / _POWER), LARGEST)
-        return cls(tuple(_shape(rng, float(radius)) for radius in radii), density)
+        shapes = [_shape(rng, float(radius)) for radius in radii]
+        heights, inside = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*shapes, strict=True))
+        return cls(heights, inside, np.array([len(height) // 2 for height, _ in shapes]), density)
 
-    def near(self, seed: int, window: Window) -> Scatter:
-        """Pebbles that reach into a window, whose borders are multiples of its size; the same for each neighbour."""
-        cells = (self._scattered(seed, window, i, j) for i in (-1, 0, 1) for j in (-1, 0, 1))
-        return Scatter(*map(np.concatenate, zip(*cells, strict=True)))
+    def near(self, seed: int, window: Window) -> tuple[NDArray[np.int64], Floats]:
+        """Pebbles that reach into a window, whose borders are multiples of its size; the same for each neighbour.
 
-    def _scattered(self, seed: int, window: Window, i: int, j: int) -> Scatter:
+        Returns:
+            Row and column of their middles in the window, half sides and beginnings of their shapes (n, 4) [texels],
+            and albedos relative to sand and tints, 0 sand, 1 grey stone (n, 2); the lowest first.
+        """
+        cells = [self._scattered(seed, window, i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        return np.concatenate([places for places, _ in cells]), np.concatenate([looks for _, looks in cells])
+
+    def _scattered(self, seed: int, window: Window, i: int, j: int) -> tuple[NDArray[np.int64], Floats]:
         """Pebbles of the window i rows and j columns of windows away that reach into this one."""
         rows, columns = window.shape
         cell = (window.top // rows + i + _POSITIVE, window.left // columns + j + _POSITIVE)
         rng = np.random.default_rng([seed, *cell])
         count = rng.poisson(self.density * rows * columns * TEXEL**2)
-        shapes = rng.integers(len(self.shapes), size=count)
+        shapes = rng.integers(len(self.halves), size=count)
         row, column = (rng.integers(side, size=count) + side * shift for side, shift in ((rows, i), (columns, j)))
         albedo, tint = rng.uniform(0.55, 1.15, count), rng.uniform(0.1, 0.8, count)
-        reach = self._halves[shapes]
+        sizes, reach = (2 * self.halves + 1) ** 2, self.halves[shapes]
         reaching = (row + reach >= 0) & (row - reach < rows) & (column + reach >= 0) & (column - reach < columns)
-        return Scatter(shapes[reaching], row[reaching], column[reaching], albedo[reaching], tint[reaching])
+        places = np.column_stack([row, column, reach, (np.cumsum(sizes) - sizes)[shapes]])
+        return places[reaching], np.column_stack([albedo, tint]).astype(np.float32)[reaching]
 
-    def lay(self, scatter: Scatter, height: Floats, albedo: Floats, tint: Floats) -> None:
-        """Lay pebbles on the sand of a window."""
-        halves = self._halves[scatter.shape]
+    def lay(self, places: NDArray[np.int64], looks: Floats, height: Floats, albedo: Floats, tint: Floats) -> None:
+        """Lay pebbles on the sand of a window, which gets new height, albedo and tint."""
         compiled = kernel("sensors.sand", "relief.c", "lay")
         if compiled is not None:
-            sizes = [shape.height.size for shape in self.shapes]
-            begins = np.cumsum([0, *sizes[:-1]])[scatter.shape]
-            places = np.column_stack([scatter.row, scatter.column, halves, begins])
-            shapes = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*self.shapes, strict=True))
-            looks = np.column_stack([scatter.albedo, scatter.tint]).astype(np.float32)
-            compiled(len(places), *height.shape, places, looks, *shapes, height, albedo, tint)
+            compiled(len(places), *height.shape, places, looks, self.heights, self.inside, height, albedo, tint)
             return
         whole = Window(0, 0, *height.shape)
-        for k, row, column, own_albedo, own_tint, n in zip(
-            *(part.tolist() for part in (*scatter, halves)), strict=True
-        ):
-            extent = Window(row - n, column - n, row + n + 1, column + n + 1)
+        for (row, column, n, begin), look in zip(places.tolist(), looks.tolist(), strict=True):
+            extent, side = Window(row - n, column - n, row + n + 1, column + n + 1), 2 * n + 1
             here, part = extent.common(whole).within(whole), extent.common(whole).within(extent)
-            inside, ground = self.shapes[k].inside[part], height[here]
-            np.maximum(0.5 * ground + self.shapes[k].height[part], ground, out=ground, where=inside)
-            albedo[here][inside], tint[here][inside] = own_albedo, own_tint
-
-    @property
-    def _halves(self) -> NDArray[np.int64]:
-        """Half sizes of the shapes [texels]."""
-        return np.array([len(shape.height) // 2 for shape in self.shapes])
+            shape = slice(begin, begin + side**2)
+            raised, inside = self.heights[shape].reshape(side, side), self.inside[shape].reshape(side, side)[part]
+            np.maximum(0.5 * height[here] + raised[part], height[here], out=height[here], where=inside)
+            albedo[here][inside], tint[here][inside] = look
 
 
-def _shape(rng: np.random.Generator, radius: float) -> Shape:
-    """Draw an irregular, half-buried ellipsoid."""
+def _shape(rng: np.random.Generator, radius: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """Draw the height (n, n) of an irregular, half-buried ellipsoid above the sand [m], and where it is a pebble."""
     reach = math.ceil(1.3 * radius / TEXEL) + 1
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1] * TEXEL
     turn, flat = rng.uniform(0.0, math.pi), rng.uniform(0.7, 1.0)
@@ -113,7 +93,7 @@ def _shape(rng: np.random.Generator, radius: float) -> Shape:
     q = (u * u + v * v) / (radius * outline) ** 2
     height = radius * rng.uniform(0.45, 0.85) * (np.clip(1.0 - q, 0.0, 1.0) ** 0.6 - 0.1)
     smooth = cv2.GaussianBlur(height.astype(np.float32), (0, 0), 0.7)
-    return Shape(np.asarray(smooth, dtype=np.float32), q < 1.0)
+    return np.asarray(smooth, dtype=np.float32), q < 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,7 +262,7 @@ class Relief:
         if self.kind.wet:
             albedo *= 1.0 - self.kind.wet * sigmoid(6.0 * (patches - 0.8))
         tint = np.zeros(window.shape, np.float32)
-        self.pebbles.lay(self.pebbles.near(self.seed, window), height, albedo, tint)
+        self.pebbles.lay(*self.pebbles.near(self.seed, window), height, albedo, tint)
         height += self.large(window)
         return UndisturbedSand(
             height.astype(np.float32), np.clip(ALBEDO * albedo, 0, 255).astype(np.uint8), to_bytes(tint)

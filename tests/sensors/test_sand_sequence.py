@@ -163,9 +163,7 @@ def test_sand_forgets_what_was_used_least_recently(monkeypatch: pytest.MonkeyPat
 def test_neighbouring_tiles_share_the_pebbles_on_their_border() -> None:
     pebbles = Pebbles.draw(np.random.default_rng(1), 3000.0)
     left, right = Window(0, 0, TILE, TILE), Window(0, TILE, TILE, 2 * TILE)
-    of_left, of_right = (
-        set(zip(p.row.tolist(), p.column.tolist(), strict=True)) for p in (pebbles.near(9, w) for w in (left, right))
-    )
+    of_left, of_right = ({(row, column) for row, column, *_ in pebbles.near(9, w)[0].tolist()} for w in (left, right))
     in_left = {(row, column - TILE) for row, column in of_left if column > TILE - 4}
     in_right = {(row, column) for row, column in of_right if column < 4}
     both = {(row, column) for row, column in of_right if abs(column) < 1}

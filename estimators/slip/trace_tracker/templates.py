@@ -211,8 +211,7 @@ def at_slips(profiles: Profiles, slips: FloatArray) -> Profiles:
     low = np.minimum(at.astype(int), len(SLIPS) - 2)
     share = (at - low).astype(np.float32)[:, None, None]
     between: Profiles = profiles.take(low, axis=-3)
-    step = profiles.take(low + 1, axis=-3)
-    step -= between
+    step: Profiles = profiles.take(low + 1, axis=-3) - between
     step *= share
     between += step
     return between
