@@ -365,13 +365,11 @@ class PairRenderer:
         return min(1.0 / max(steepest, 1e-3), _TAPS)
 
     def _draw_sky(self) -> None:
-        """Draw the sky where nothing else was drawn; it needs no depth of its own."""
+        """Draw the sky where nothing else was drawn."""
         _fast.glUseProgram(self._programs["sky"])
         _fast.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
         _fast.glBindVertexArray(self._sky.array)
-        _fast.glDepthMask(False)
         draw(0, self._sky_size)
-        _fast.glDepthMask(True)
 
 
 def _programs(world: World, sheets: Constants) -> dict[str, int]:

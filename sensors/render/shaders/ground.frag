@@ -179,8 +179,9 @@ void main()
     float gravel = verge * clamp(5.0 * (here.b - 0.66 + 0.8 * grain.a + 0.5 * grain.g), 0.0, 1.0);
     float grass = (verge - gravel) * (1.0 + 1.75 * grain.g);
     float lush = grass * clamp(here.a + 0.9 * grain.a, 0.0, 1.0);
-    vec3 albedo = vec3((on_road - on_road * paint) * (0.374 + 0.82 * grain.r + 0.164 * here.b)
-        + on_road * paint * (0.86 + 0.516 * grain.r) + off_road * kerb * (0.65 + 0.585 * grain.r))
+    vec3 albedo = vec3(0.455, 0.455, 0.460) * ((on_road - on_road * paint) * (0.82 + 1.8 * grain.r + 0.36 * here.b))
+        + vec3(0.86, 0.86, 0.83) * (on_road * paint * (1.0 + 0.6 * grain.r))
+        + vec3(0.66, 0.65, 0.62) * (off_road * kerb * (1.0 + 0.9 * grain.r))
         + vec3(0.52, 0.47, 0.39) * (gravel * (1.0 + 1.5 * grain.b))
         + vec3(0.41, 0.41, 0.20) * (grass - lush)
         + vec3(0.25, 0.36, 0.14) * lush;
