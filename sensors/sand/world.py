@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -235,7 +236,7 @@ class SandWorld:
     def drive(self, truths: Sequence[RoverTruth], after: RoverTruth | None = None) -> None:
         """Imprint the wheels' paths through these moments, which continue the earlier ones, and go on to ``after``."""
         moments = [stands(truth) for truth in truths]
-        for now, then in zip(moments, [*moments[1:], stands(after) if after else None], strict=True):
+        for now, then in zip_longest(moments, [*moments[1:], *([stands(after)] if after else [])]):
             for k, wheel in enumerate(self._wheels):
                 wheel.roll_on(self.field, now[k], then[k] if then else None)
             self._history = self._history.extended(now[self._watched], now[self._watched].sinkage > 0.0)

@@ -8,7 +8,7 @@ import pytest
 from sensors.sand.field import TILE, Field, Reach, foreign_tracks
 from sensors.sand.grid import Sand, Window
 from sensors.sand.relief import KINDS, Pebbles, Relief, SandKind
-from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches, labelled_sequence, route_of
+from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches, labelled_sequence, recorded, route_of
 from sensors.sand.solids import scattered
 from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.trace_rig import nominal_rig
@@ -111,6 +111,14 @@ def test_labels_and_images_agree_on_the_presence_of_a_trace(rover: Rover) -> Non
     assert shares[2] == 0.0
     assert roughness[0] > roughness[1] > roughness[2]
     assert roughness[0] > 2.0 * roughness[2]
+
+
+def test_a_view_may_be_taken_before_the_first_motion(rover: Rover) -> None:
+    """A sequence without a lead, or a camera that is sampled twice at one place: no motion is no error."""
+    truths = RoverPass(frames=3, profile="none").truths(rover, Terrain(), np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    views = recorded(truths, "uniform", rng=rng, rover=rover, terrain=Terrain())
+    assert next(views).view.tick == truths[0].tick
 
 
 @pytest.mark.slow
