@@ -36,6 +36,8 @@ _fast: Any = PLATFORM.GL  # the library itself: PyOpenGL's wrappers take longer 
 FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
 _Size = ctypes.c_ssize_t
 _VIEW = 64  # numbers of the block View of the shaders, padded to the alignment of buffers
+_BLUR = 1.0 / 6.0 + 1.0 / 12.0  # variance of bilinear interpolation and of a texel's square along an axis [px^2]
+_SHARPENED = np.diag([0.0, 1.0, 0.0]) - 0.5 * _BLUR * np.array([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])
 _MARGIN = 2  # around each level of a sheet: repeated, so that bilinear samples do not see the neighbour [px]
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
 
@@ -60,24 +62,31 @@ def upload_texture(image: NDArray[np.uint8], shrink: int, wrap: int = GL.GL_REPE
 
 
 def upload_levels(image: NDArray[np.uint8], count: int) -> tuple[int, tuple[float, ...]]:
-    """Name of a new texture with ``count`` mipmap levels of a periodic image (h, w, 4) side by side, and its sheet.
+    """Name of a new texture with mipmap levels of a periodic image side by side, and its sheet, see ``levels_of``."""
+    levels, sheet = levels_of(image, count)
+    texture = _new_texture(GL.GL_CLAMP_TO_EDGE, GL.GL_LINEAR, GL.GL_LINEAR)
+    ny, nx = levels.shape[:2]
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, nx, ny, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, levels)
+    return texture, sheet
 
-    The sheet is the size of the largest level and the margin around each, as shares of the texture. The sides of the
-    image are multiples of 2^(count - 1).
+
+def levels_of(image: NDArray[np.uint8], count: int) -> tuple[NDArray[np.uint8], tuple[float, ...]]:
+    """Image with ``count`` mipmap levels of a periodic image (h, w, 4) side by side, and its sheet.
+
+    The sheet is the size of the largest level and the margin around each, as shares of the new image. The sides of the
+    given one are multiples of 2^(count - 1). All levels but the largest are sharpened by what bilinear samples blur.
     """
     levels = [image]
     for _ in range(1, count):
         half = cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         levels.append(np.asarray(half, dtype=np.uint8))
     ny, nx = image.shape[0] + 2 * _MARGIN, sum(level.shape[1] + 2 * _MARGIN for level in levels)
-    sheet, x = np.zeros((ny, nx, 4), dtype=np.uint8), 0
-    for level in levels:
+    every, x = np.zeros((ny, nx, 4), dtype=np.uint8), 0
+    for n, level in enumerate(levels):
         framed = np.pad(level, ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN), (0, 0)), mode="wrap")
-        sheet[: framed.shape[0], x : x + framed.shape[1]] = framed
+        every[: framed.shape[0], x : x + framed.shape[1]] = cv2.filter2D(framed, -1, _SHARPENED) if n else framed
         x += framed.shape[1]
-    texture = _new_texture(GL.GL_CLAMP_TO_EDGE, GL.GL_LINEAR, GL.GL_LINEAR)
-    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, nx, ny, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, sheet)
-    return texture, (image.shape[1] / nx, image.shape[0] / ny, _MARGIN / nx, _MARGIN / ny)
+    return every, (image.shape[1] / nx, image.shape[0] / ny, _MARGIN / nx, _MARGIN / ny)
 
 
 def _new_texture(wrap: int, enlarge: int, shrink: int) -> int:
@@ -212,7 +221,7 @@ _STRIP = (-0.7, 1.02)  # lowest relevant edge distance, and range: steps of 4 mm
 _NO_BOX = transform(np.eye(3), np.full(3, 1e4))  # from W into a box far away
 _CLEARANCE = 0.3  # height of the shadow-casting part of a vehicle above the ground [m]
 _DETAIL_LEVELS, _ROAD_LEVELS = 10, 6  # see ground.frag
-_TAPS = 3.0  # samples of ground.frag along a pixel's footprint
+_MOST_STRETCH = 3.0  # of a pixel's footprint; two samples of ground.frag then lie 1.5 of its widths apart
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
 
 
@@ -362,14 +371,16 @@ class PairRenderer:
     def _stretch(self, X_WC: FloatArray) -> float:
         """Length over width of the least elongated pixel on level ground, limited to ground.frag's samples."""
         steepest = float((self._rays @ -X_WC[2, :3]).max())
-        return min(1.0 / max(steepest, 1e-3), _TAPS)
+        return min(1.0 / max(steepest, 1e-3), _MOST_STRETCH)
 
     def _draw_sky(self) -> None:
-        """Draw the sky where nothing else was drawn."""
+        """Draw the sky where nothing else was drawn; it needs no depth of its own."""
         _fast.glUseProgram(self._programs["sky"])
         _fast.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
         _fast.glBindVertexArray(self._sky.array)
+        _fast.glDepthMask(False)
         draw(0, self._sky_size)
+        _fast.glDepthMask(True)
 
 
 def _programs(world: World, sheets: Constants) -> dict[str, int]:

@@ -22,12 +22,12 @@ MARGIN = 100.0  # the ground follows the surface this far beyond the centreline'
 _HORIZON = 900.0  # extent of the ground around the course; hills beyond fade into haze [m]
 _FINE = 12.0  # distance from the centreline with the finest cells; cameras are closer to it [m]
 _CELL = 2.5  # finest cell: the error on a cone of 2.5 % is then h^2 c/8R = 2 mm at R = 10 m [m]
-_COARSEST = 20.0  # largest cell near the course: half a wavelength of the texture's distortion [m]
-_WIDEST = 32  # largest cell anywhere [finest cells]
+_COARSEST = 40.0  # largest cell near the course: the shortest wavelength of the texture's distortion [m]
+_WIDEST = 256  # largest cell anywhere [finest cells]
 _UNEVEN = 2e-3  # heights of a measured surface that are drawn: some of its forms are 5 mm high [m]
 _UNEVEN_CELL = 0.16  # largest cell there: some points over the length of a small bump [m]
 _MOST_UNEVEN_CELLS = 300_000  # each pair of triangles costs time in every picture
-_GRADING = 0.4  # width of a cell over its distance from the centreline
+_GRADING, _FAR = 0.4, 60.0  # width of a cell over its distance from the centreline [-]; it grows beyond that [m]
 _SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # allowed error of the triangles near the course [m], and its increase with distance
 _BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of the texture's distortion [m]
 _CORNERS = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
@@ -259,8 +259,9 @@ def _too_wide(
     across = z[:, :1] + share[:, None] * (z[:, -1:] - z[:, :1])
     level = across[:, :, :1] + share * (across[:, :, -1:] - across[:, :, :1])
     bent = np.abs(z - level).max(axis=(1, 2)) > _SAG + _SAG_ANGLE * distance
-    coarsest = np.maximum(_COARSEST, _GRADING * distance)
-    divisible = side > np.maximum(finest, _GRADING * (distance - _FINE))
+    wide = _GRADING * np.maximum(1.0, distance / _FAR)
+    coarsest = np.maximum(_COARSEST, wide * distance)
+    divisible = side > np.maximum(finest, wide * (distance - _FINE))
     too_wide: NDArray[np.bool_] = divisible & (bent | (side > coarsest))
     return too_wide
 
