@@ -21,6 +21,7 @@ from estimators.odometry.covariance import (
     with_differences,
 )
 from estimators.odometry.exposure import match_exposures, match_over_time
+from estimators.odometry.image_points import moved
 from estimators.odometry.plausibility import Belief, believed, is_implausible
 from estimators.odometry.pose import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
@@ -44,6 +45,7 @@ _GATE = 2.0  # largest reprojection error of an inlier: four roundings and their
 _FEWEST_INLIERS = 12  # two for each unknown
 _AGREEING = 0.45  # least share of inliers: distant points alone agree with no motion; measured over gaps of 3 to 10 m
 _FARTHEST = 5.0  # longest motion; features of whole pixels are decimetres wrong after that: measured [m]
+_STRAYED = 0.05  # share of the inliers in the outer half of their windows from which on others may lie beyond
 _ITERATIONS = 20  # of Gauss-Newton, at most
 _CONVERGED = 1e-6  # [rad, m]
 _CORRELATION = 1.6  # factor for correlated rounding errors: measured
@@ -128,9 +130,9 @@ class Viso2Odometry:
             guesses.insert(0, (expected_motion(memory.velocity, frame.tick, span), NEAR))
         first, ticks = None, (previous.tick, frame.tick)
         for guess, reach in guesses:
-            motion = self._measured(before, features, guess, reach, ticks)
-            if motion.health is Health.DEGRADED:  # a wrong guess costs matches
-                again = self._measured(before, features, motion.X_PC, NEAR, ticks)
+            motion, strayed = self._measured(before, features, guess, reach, ticks)
+            if motion.health is Health.DEGRADED and strayed:  # a wrong guess costs matches
+                again, _ = self._measured(before, features, motion.X_PC, NEAR, ticks)
                 motion = again if again.inliers > motion.inliers else motion
             if motion.health is Health.LOST:
                 continue
@@ -141,28 +143,29 @@ class Viso2Odometry:
 
     def _measured(
         self, before: PairFeatures, features: PairFeatures, guess: FloatArray, reach: float, ticks: tuple[int, int]
-    ) -> Motion:
+    ) -> tuple[Motion, bool]:
         """Motion by matching, RANSAC and least squares, from the first to the second of two ticks.
 
-        It is lost if too few matches agree.
+        It is lost if too few matches agree. The flag tells that many of them are far from where the guess has them.
         """
         matches, (previous_tick, tick) = circular_matches(self._calibration, before, features, guess, reach), ticks
         lost = lost_motion(tick, previous_tick, len(matches.current))
         if len(matches.current) < _FEWEST_INLIERS:
-            return lost
+            return lost, False
         points = triangulate(self._calibration, matches.previous)
         rng = np.random.default_rng([self._seed, tick])
         agreed = consensus(self._calibration, points, matches.current, guess, np.inf, rng, gate=_GATE)
         inliers = agreed.inliers
         if np.count_nonzero(inliers) < max(_FEWEST_INLIERS, _AGREEING * len(inliers)):
-            return lost
+            return lost, False
         found = _least_squares(self._calibration, points[inliers], matches.current[inliers], agreed.X_PC)
         if found is None:
-            return lost
+            return lost, False
         solution, differences = found
         if np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
-            return lost
-        return replace(
+            return lost, False
+        surprise = np.abs(matches.current - moved(self._calibration, matches.previous, guess))[inliers].max(axis=1)
+        motion = replace(
             lost,
             X_PC=solution.X,
             covariance=solution.covariance,
@@ -171,6 +174,7 @@ class Viso2Odometry:
             tracks=matches.tracks()[inliers],
             halves=differences,
         )
+        return motion, float(np.mean(surprise > 0.5 * reach)) > _STRAYED
 
 
 def _least_squares(

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from estimators.odometry.image_points import Matches, moved, strongest_in_buckets
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 
 BLOB = np.array(
@@ -127,10 +128,6 @@ def _descriptors(image: GreyImage, points: NDArray[np.int64]) -> NDArray[np.uint
     return descriptors
 
 
-# Size of the grid cells as shares of the window: smaller cells cost more look-ups, larger cells more comparisons.
-_WIDE = 0.125
-_HIGH = 0.25
-
 Indices = NDArray[np.int64]
 
 
@@ -149,87 +146,47 @@ class Window(NamedTuple):
     rows: float  # above and below [px]
 
 
+_CELL, _CELLS = 16, 256  # side of the cells that candidates are sorted into [px], and most in a row: the last is open
+_NUMBERS = f"CELL={_CELL}.0f", "LENGTH=32"  # of a descriptor
+
+
 def most_similar(queries: Placed, candidates: Placed, window: Window) -> Indices:
-    """Index (n,) of the candidate of the same kind with the most similar descriptor; -1 if the window has none."""
-    one, other = _pairs_in_windows(queries, candidates, window)
-    best = np.full(len(queries.position), -1, np.int64)
-    if len(one) == 0:
+    """Index (n,) of the candidate of the same kind with the most similar descriptor; -1 if the window has none.
+
+    The search is compiled C (``similar.c``); without a C compiler SciPy finds the pairs.
+    """
+    ours, theirs, best = queries.features, candidates.features, np.full(len(queries.position), -1)
+    if len(queries.position) == 0 or len(candidates.position) == 0:
         return best
-    ours = np.take(queries.features.descriptors, one, axis=0)
-    theirs = np.take(candidates.features.descriptors, other, axis=0)
-    difference = cv2.absdiff(ours, theirs, dst=ours)
-    cost = cv2.reduce(difference, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel().astype(np.int64)
-    cost *= len(candidates.position)
-    cost += other  # among equal descriptors the first one wins
-    first = np.concatenate([[0], np.flatnonzero(one[1:] != one[:-1]) + 1])
-    best[one[first]] = np.minimum.reduceat(cost, first) % len(candidates.position)
+    compiled = kernel("estimators.odometry", "similar.c", "most_similar", _NUMBERS)
+    if compiled is None:
+        one, other = _pairs_in_windows(queries, candidates, window)
+        cost = cv2.absdiff(ours.descriptors[one], theirs.descriptors[other]).sum(axis=1, dtype=np.int64)
+        order = np.lexsort([other, cost, one])
+        first, at = np.unique(one[order], return_index=True)
+        best[first] = other[order[at]]
+        return best
+    places = np.ascontiguousarray(candidates.position, np.float32)
+    column, row = np.clip(places.T * (1.0 / _CELL), 0.0, _CELLS - 1.0).astype(np.int64)
+    columns, rows, kinds = column.max() + 1, row.max() + 1, max(ours.kind.max(), theirs.kind.max()) + 1
+    cell = (theirs.kind * rows + row) * columns + column
+    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=kinds * rows * columns))])
+    at, order = np.ascontiguousarray(queries.position, np.float32), np.argsort(cell, kind="stable")
+    cells, limits = (rows, columns, start, order), np.array(window, np.float32)
+    compiled(len(best), at, ours.kind, ours.descriptors, places, theirs.descriptors, *cells, limits, best)
     return best
 
 
 def _pairs_in_windows(queries: Placed, candidates: Placed, window: Window) -> tuple[Indices, Indices]:
-    """All pairs of one kind in which the candidate lies in the window of the query, sorted by the query.
-
-    Candidates are sorted into the cells of a grid. The cells of a window are contiguous in every row of the grid.
-    """
-    nothing = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    if len(queries.position) == 0 or len(candidates.position) == 0:
-        return nothing
-    position, candidate_position = _as_complex(queries.position), _as_complex(candidates.position)
-    u, v, u_candidate, v_candidate = position.real, position.imag, candidate_position.real, candidate_position.imag
-    low_u, high_u = max(u.min() - window.left, u_candidate.min()), min(u.max() + window.right, u_candidate.max())
-    low_v, high_v = max(v.min() - window.rows, v_candidate.min()), min(v.max() + window.rows, v_candidate.max())
-    if low_u > high_u or low_v > high_v:
-        return nothing
-    per_column = 1.0 / max(_WIDE * (window.left + window.right), 1.0)
-    per_row = 1.0 / max(_HIGH * 2.0 * window.rows, 1.0)
-    height = math.ceil(2.0 * window.rows * per_row) + 1  # of a window [cells]
-    columns, rows = int((high_u - low_u) * per_column) + 1, int((high_v - low_v) * per_row) + 1
-    inside = np.flatnonzero(
-        (u_candidate >= low_u) & (u_candidate <= high_u) & (v_candidate >= low_v) & (v_candidate <= high_v)
+    """All pairs of one kind in which the candidate lies in the window of the query."""
+    middle = (0.5 * (window.right - window.left), 0.0)
+    half = (0.5 * (window.right + window.left), window.rows)
+    one, other = (
+        cKDTree(np.column_stack([(placed.position + shift) / half, 3.0 * placed.features.kind]))
+        for placed, shift in ((queries, middle), (candidates, 0.0))
     )
-    column, row = (u_candidate[inside] - low_u) * per_column, (v_candidate[inside] - low_v) * per_row
-    # each kind has empty rows below, so that a window never reaches the next kind
-    first_row = (rows + height) * np.arange(int(max(queries.features.kind.max(), candidates.features.kind.max())) + 2)
-    number = (first_row[candidates.features.kind[inside]] + row.astype(np.int64)) * columns + column.astype(np.int64)
-    order = inside[np.argsort(number, kind="stable")]
-    start = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=first_row[-1] * columns))])
-    first = _cells((u - window.left - low_u) * per_column, columns)
-    behind = _cells((u + window.right - low_u) * per_column + 1.0, columns)
-    top = _cells((v - window.rows - low_v) * per_row, rows)
-    cell = ((first_row[queries.features.kind] + top)[:, None] + np.arange(height)) * columns
-    begin, end = start.take(cell + first[:, None]).ravel(), start.take(cell + behind[:, None]).ravel()
-    filled = np.flatnonzero(end > begin)
-    if len(filled) == 0:
-        return nothing
-    one, index = _ranges(filled // height, begin[filled], end[filled])
-    other = order.take(index)
-    middle, half = 0.5 * (window.right - window.left), 0.5 * (window.right + window.left)
-    off = candidate_position.take(other) - position.take(one)
-    off -= np.complex64(middle)
-    near = np.flatnonzero((np.abs(off.real) <= half) & (np.abs(off.imag) <= window.rows))
-    return one.take(near), other.take(near)
-
-
-def _ranges(owner: Indices, begin: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """Concatenated ranges (none empty), and for each number the owner of its range.
-
-    Computed by cumulative sums, which are faster in NumPy than ``repeat``.
-    """
-    behind = np.cumsum(end - begin)
-    owners, numbers = np.zeros(behind[-1], np.int64), np.ones(behind[-1], np.int64)
-    owners[0], numbers[0] = owner[0], begin[0]
-    owners[behind[:-1]], numbers[behind[:-1]] = np.diff(owner), begin[1:] - end[:-1] + 1
-    return np.cumsum(owners), np.cumsum(numbers)
-
-
-def _as_complex(positions: FloatArray) -> NDArray[np.complex64]:
-    """Positions as u + i v: one number per point is fetched faster, and there are a hundred thousand pairs."""
-    return np.ascontiguousarray(positions, dtype=np.float32).view(np.complex64)[:, 0]
-
-
-def _cells(index: NDArray[np.float32], count: int) -> Indices:
-    """Cell indices, clipped to 0 ... ``count``, of coordinates in units of a cell."""
-    return np.clip(np.floor(index), 0.0, count).astype(np.int64)
+    pairs = one.query_ball_tree(other, 1.0 + 1e-9, p=np.inf)
+    return np.repeat(np.arange(len(pairs)), [len(found) for found in pairs]), np.concatenate(pairs).astype(np.int64)
 
 
 _ROWS = 1.0  # largest difference of the rows in left and right [px]

@@ -96,11 +96,15 @@ def test_responses_are_those_to_the_masks(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize("window", [Window(60.0, 20.0, 12.0), Window(90.3, 0.0, 1.0), Window(0.0, 90.3, 1.0)])
+@pytest.mark.usefixtures("back_end")
 def test_most_similar_is_what_a_full_search_finds(window: Window) -> None:
     """Against brute force over all pairs: windows to both sides and to one, ends included, empty ones among them."""
     rng = np.random.default_rng(1)
     sought, others = (some_features(rng, count) for count in (300, 400))
     sought.points[:40], sought.kind[:40] = others.points[:40], others.kind[:40]  # no disparity at all
+    others.points[-1], others.points[-2] = (-9, 10), (20_000, 30)  # predicted outside of the image
+    sought.points[-1], sought.points[-2] = (-5, 10), (19_990, 30)
+    sought.kind[-2:], others.kind[-2:] = 0, 0
     placed, candidates = (Placed(f, f.points.astype(np.float64)) for f in (sought, others))
     found = most_similar(placed, candidates, window)
     offset = others.points[None] - sought.points[:, None]
