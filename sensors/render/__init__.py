@@ -158,8 +158,7 @@ def device_names() -> list[str]:
 @contextmanager
 def _opengl() -> Iterator[Any]:
     """Module of the OpenGL renderer, whose errors become ``RendererUnavailableError``."""
-    os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
-    os.environ["PYGLET_HEADLESS"] = "true"
+    os.environ["PYOPENGL_PLATFORM"] = "egl"  # read when OpenGL is imported
     try:
         from sensors.render import pair
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from OpenGL import EGL, GL
 from OpenGL.error import Error as OpenGlError
-from pyrender.platforms.egl import EGLDevice, EGLPlatform, _eglQueryDeviceStringEXT, query_devices
+
+from sensors.render.pyrender_parts import EGLDevice, EGLPlatform, device_text, query_devices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +41,7 @@ def devices() -> list[Device]:
     """All devices in EGL's order."""
     found = []
     for number, handle in enumerate(query_devices()):
-        is_software = b"software" in (_eglQueryDeviceStringEXT(handle._display, EGL.EGL_EXTENSIONS) or b"")
+        is_software = b"software" in (device_text(handle._display, EGL.EGL_EXTENSIONS) or b"")
         found.append(Device(number, handle.name or ("software" if is_software else "no name"), is_software, handle))
     return found
 

@@ -1,6 +1,6 @@
 """Two views of a world in one framebuffer of pyrender's OpenGL context without a window.
 
-Importing this module imports pyrender and loads EGL.
+Importing this module imports parts of pyrender and loads EGL.
 """
 
 import ctypes
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import Error as OpenGlError
 from OpenGL.platform import PLATFORM
-from pyrender.shader_program import ShaderProgram
 
 from sensors.camera.rig import StereoCalibration
 from sensors.render import egl
+from sensors.render.pyrender_parts import ShaderProgram
 from sensors.render.things import VERTEX, Things, VertexArray, in_views
 from sensors.textures import to_bytes
 from sensors.world import sky

@@ -172,6 +172,18 @@ def test_importing_the_renderer_does_not_load_opengl() -> None:
     assert python(program).strip() == "[]"
 
 
+def test_drawing_loads_no_more_of_pyrender_than_it_uses_and_leaves_it_to_others() -> None:
+    program = """
+import os, sys
+os.environ["PYOPENGL_PLATFORM"] = "egl"
+import sensors.render.pair
+print(sorted({"pyrender", "trimesh", "networkx"} & set(sys.modules)))
+import pyrender
+print(pyrender.Mesh.__name__, pyrender.OffscreenRenderer.__name__)
+"""
+    assert python(program).split("\n")[:2] == ["[]", "Mesh OffscreenRenderer"]
+
+
 # Choice of EGL's device
 
 
