@@ -161,7 +161,7 @@ def most_similar(queries: Placed, candidates: Placed, window: Window) -> Indices
     compiled = kernel("estimators.odometry", "similar.c", "most_similar", _NUMBERS)
     if compiled is None:
         one, other = _pairs_in_windows(queries, candidates, window)
-        cost = cv2.absdiff(ours.descriptors[one], theirs.descriptors[other]).sum(axis=1, dtype=np.int64)
+        cost = np.abs(ours.descriptors[one].astype(np.int16) - theirs.descriptors[other]).sum(axis=1)
         order = np.lexsort([other, cost, one])
         first, at = np.unique(one[order], return_index=True)
         best[first] = other[order[at]]
@@ -185,8 +185,8 @@ def _pairs_in_windows(queries: Placed, candidates: Placed, window: Window) -> tu
         cKDTree(np.column_stack([(placed.position + shift) / half, 3.0 * placed.features.kind]))
         for placed, shift in ((queries, middle), (candidates, 0.0))
     )
-    pairs = one.query_ball_tree(other, 1.0 + 1e-9, p=np.inf)
-    return np.repeat(np.arange(len(pairs)), [len(found) for found in pairs]), np.concatenate(pairs).astype(np.int64)
+    pairs = one.sparse_distance_matrix(other, 1.0 + 1e-9, p=np.inf, output_type="ndarray")
+    return pairs["i"], pairs["j"]
 
 
 _ROWS = 1.0  # largest difference of the rows in left and right [px]

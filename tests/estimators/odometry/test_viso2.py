@@ -116,6 +116,7 @@ def test_most_similar_is_what_a_full_search_finds(window: Window) -> None:
     assert np.array_equal(found, np.where(allowed.any(axis=1), np.argmin(cost, axis=1), -1))
     assert np.any(found < 0)
     assert np.any(found >= 0)
+    assert np.all(most_similar(Placed(sought, placed.position + 5e4), candidates, window) == -1)  # nothing is there
 
 
 def some_features(rng: np.random.Generator, count: int) -> Features:
