@@ -12,16 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, Motion, lost_motion
-from estimators.odometry.circular import (
-    ENOUGH_MATCHES,
-    LONGEST_SPAN,
-    PER_BUCKET,
-    CircularOdometry,
-    is_skipped,
-    search_radius,
-)
+from estimators.odometry.circular import PER_BUCKET, CircularOdometry, search_radius
 from estimators.odometry.covariance import SelfConsistency, stated
 from estimators.odometry.exposure import match_exposures
+from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, LONGEST_SPAN, is_skipped
 from estimators.odometry.image_points import detect_corners
 from estimators.odometry.keyframe_tracking import MOST_POINTS, Keyframe, Located, located, new_keyframe
 from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible

@@ -9,22 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.context import above_ground
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.odometry.circular import ENOUGH_MATCHES, is_skipped
-from estimators.odometry.covariance import (
-    Contributions,
-    SelfConsistency,
-    halves,
-    stated,
-    summed,
-    with_differences,
-)
-from estimators.odometry.exposure import match_exposures, match_over_time
+from estimators.odometry.covariance import Contributions, halves, summed, with_differences
+from estimators.odometry.exposure import match_over_time
+from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, FrameMemory, FrameToFrame, Seen
 from estimators.odometry.image_points import moved
-from estimators.odometry.plausibility import Belief, believed, is_implausible
+from estimators.odometry.plausibility import is_implausible
 from estimators.odometry.pose import consensus
-from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from estimators.stereo_pair import linearised, triangulate
@@ -60,79 +51,44 @@ class Velocity(NamedTuple):
     covariance: FloatArray  # (6, 2, 2)
 
 
-class Viso2Memory(NamedTuple):
-    """Previous pair with its features, the velocity filter, the last motions before it, and the camera's noise."""
+class Viso2Odometry(FrameToFrame[PairFeatures]):
+    """VISO2-S stereo odometry from frame to frame (de Saxe 2018).
 
-    frame: StereoFrame | None = None
-    features: PairFeatures | None = None
-    velocity: Velocity | None = None
-    belief: Belief = Belief()
-    noise: float = 0.0  # of the camera, once it was seen [grey levels]
-    consistency: SelfConsistency = SelfConsistency()
+    The filter spreads the error of a motion over later ones but keeps the sum. So the covariance is that of the motion
+    before the filter.
+    """
 
+    def _features(self, frame: StereoFrame) -> PairFeatures:
+        return pair_features(frame)
 
-class Viso2Odometry:
-    """VISO2-S stereo odometry from frame to frame (de Saxe 2018)."""
+    def _number(self, features: PairFeatures) -> int:
+        return len(features.left.points)
 
-    def __init__(self, calibration: StereoCalibration, *, seed: int = 0) -> None:
-        """An odometry for this rig; ``seed`` and a frame's tick fix the draws of RANSAC.
-
-        Raises:
-            ValueError: if the left camera is not above the ground.
-        """
-        self._calibration = above_ground(calibration)
-        self._seed = seed
-
-    def init(self) -> Viso2Memory:
-        """Memory before the first frame."""
-        return Viso2Memory()
-
-    def step(self, memory: Viso2Memory, frame: StereoFrame) -> tuple[Viso2Memory, Motion | None]:
-        """Memory with the frame in it, and the filtered motion since the frame before; None for the first frame.
-
-        The filter spreads the error of a motion over later ones but keeps the sum. So the covariance is that of the
-        motion before the filter. A frame with almost no features, and a repeated one, is lost and skipped. After an
-        implausible jump of velocity the odometry is lost until the next motion confirms it.
-        """
-        frame, previous, before = match_exposures(self._calibration, frame), memory.frame, memory.belief
-        if previous is None or memory.features is None:
-            return Viso2Memory(frame, pair_features(frame)), None
-        if is_repeated(previous.left, frame.left, memory.noise, before.last):
-            return memory, lost_motion(frame.tick, previous.tick)
-        features = pair_features(frame)
-        measured = self._searched(memory, previous, frame, features)
-        lost = measured.health is Health.LOST
-        if lost and is_skipped(len(features.left.points), measured, before.newest):
-            return memory, measured
-        belief, motion = believed(before, measured)
-        noise = memory.noise if lost or memory.noise else visible_noise(previous.left, frame.left)
-        if motion.health is Health.LOST:
-            return Viso2Memory(frame, features, None, belief, noise, memory.consistency), motion
-        velocity = _filtered(memory.velocity, measured)
+    def _filtered(self, velocity: Velocity | None, measured: Motion, motion: Motion) -> tuple[Velocity, Motion]:
+        velocity = _filtered(velocity, measured)
         if motion is measured:
-            motion = replace(motion, X_PC=expected_motion(velocity, frame.tick, frame.tick - previous.tick))
-        consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
-        return Viso2Memory(frame, features, velocity, belief, noise, consistency), motion
+            motion = replace(motion, X_PC=expected_motion(velocity, motion.tick, motion.tick - motion.previous_tick))
+        return velocity, motion
 
-    def _searched(
-        self, memory: Viso2Memory, previous: StereoFrame, frame: StereoFrame, features: PairFeatures
+    def _measured(
+        self, memory: FrameMemory[PairFeatures], previous: Seen[PairFeatures], current: Seen[PairFeatures]
     ) -> Motion:
         """Unfiltered motion near one of the predictions, if possible one that is plausible."""
-        exposed, limited = match_over_time(previous, frame)
-        before = memory.features
-        if before is None or exposed is not previous:
+        (reference, before), (frame, features) = previous, current
+        exposed, limited = match_over_time(reference, frame)
+        if exposed is not reference:
             before, features = pair_features(exposed), pair_features(limited)
-        span, last = frame.tick - previous.tick, memory.belief.newest
+        span, last = frame.tick - reference.tick, memory.belief.newest
         guesses = [(np.eye(4), _FAR)]
         if last is not None:
             guesses.insert(0, (stretched(last.X_PC, span / (last.tick - last.previous_tick)), _FAR))
         if memory.velocity is not None:
             guesses.insert(0, (expected_motion(memory.velocity, frame.tick, span), NEAR))
-        first, ticks = None, (previous.tick, frame.tick)
+        first, ticks = None, (reference.tick, frame.tick)
         for guess, reach in guesses:
-            motion, strayed = self._measured(before, features, guess, reach, ticks)
+            motion, strayed = self._near(before, features, guess, reach, ticks)
             if motion.health is Health.DEGRADED and strayed:  # a wrong guess costs matches
-                again, _ = self._measured(before, features, motion.X_PC, NEAR, ticks)
+                again, _ = self._near(before, features, motion.X_PC, NEAR, ticks)
                 motion = again if again.inliers > motion.inliers else motion
             if motion.health is Health.LOST:
                 continue
@@ -141,7 +97,7 @@ class Viso2Odometry:
             first = first or motion
         return first or motion
 
-    def _measured(
+    def _near(
         self, before: PairFeatures, features: PairFeatures, guess: FloatArray, reach: float, ticks: tuple[int, int]
     ) -> tuple[Motion, bool]:
         """Motion by matching, RANSAC and least squares, from the first to the second of two ticks.
