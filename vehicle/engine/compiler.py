@@ -195,7 +195,8 @@ def _kernel(
     source = (resources.files(package) / file).read_text(encoding="utf-8")
     try:
         function = using and library(source, definitions, using)[name]
-    except CompilerError:
+    except CompilerError as error:
+        warn_once(f"{file} is not compiled, slower code takes its place: {error}")
         return None
     return function and (lambda *arguments: function(*map(_passed, arguments)))
 
