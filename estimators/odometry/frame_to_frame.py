@@ -1,4 +1,4 @@
-"""What odometries from one frame to the next have in common: the frames they skip, and the motions they believe."""
+"""Base of the odometries that compare each frame with the one before: it skips frames and checks motions."""
 
 from abc import ABC, abstractmethod
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
@@ -23,7 +23,7 @@ Seen: TypeAlias = tuple[StereoFrame, Features]
 
 
 class FrameMemory(NamedTuple, Generic[Features]):
-    """Frame before with its features, the last motions before it, the camera's noise, and the state of a filter."""
+    """Last frame with its features, the motions before it, the camera's noise, and the filtered velocity."""
 
     frame: StereoFrame | None = None
     features: Features | None = None

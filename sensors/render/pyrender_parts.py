@@ -1,6 +1,6 @@
-"""What is used of pyrender: its context and its shader programs, loaded without the rest of the package.
+"""The parts of pyrender that offtrack uses: the EGL context and the shader programs.
 
-The package itself would import trimesh, networkx and a viewer, which take a third of a second of every start.
+Importing the whole package also imports trimesh, networkx and a viewer. That takes a third of a second at each start.
 """
 
 import sys

@@ -9,6 +9,7 @@ from estimators.context import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration, StereoRig
 from tests.estimators.stereo_scene import Drive, stereo_drive
+from vehicle.engine import compiler as compiler_module
 from vehicle.engine.compiler import compiler
 
 
@@ -48,4 +49,5 @@ def back_end(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     elif compiler() is None:
         pytest.skip("there is no compiler")
     else:
-        monkeypatch.setattr("vehicle.engine.compiler.warn_once", pytest.fail)  # a kernel that is not compiled
+        compiler_module._kernel.cache_clear()
+        monkeypatch.setattr(compiler_module, "warn_once", pytest.fail)  # a kernel that is not compiled

@@ -54,8 +54,8 @@ def one_world(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_world: None) -> None:
     """Two trailers swing out under steered axles; 0.03 m beside the truth of a tenth of a second ago, from the start.
 
-    That is three times the RMS error of 40 episodes in ten worlds. One alone does what it does in the vector, to what
-    pixels make of rounding.
+    Speeds are within 0.1 m/s but for one pair of images: the largest error of an episode is .05 to .15 m/s. One alone
+    does what it does in the vector, to what pixels make of rounding.
     """
     steps, given = 50, options("estimate")
     action = np.full((2, 2), 0.5, dtype=np.float32)
@@ -73,10 +73,12 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
     assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
     then = np.maximum(np.arange(steps + 1) - np.rint(told[:, 0, at["age"]] / 0.02).astype(int), 0)
     assert np.abs(exact[-1, :, 0]).min() > 0.1  # it does something
-    for name, bound in (("off_tracking", 0.03), ("path_0.5_ahead", 0.03), ("hitch_v_x", 0.1)):
-        error = told[:, :, at[name]] - exact[then][:, :, at[name]]
-        assert float(np.sqrt(np.mean(error**2))) < bound
-        assert np.abs(error).max() < 2.0 * bound
+    for name in ("off_tracking", "path_0.5_ahead"):
+        assert told[:, :, at[name]] == pytest.approx(exact[then][:, :, at[name]], abs=0.03)
+    wrong_speed = np.abs(told[:, :, at["hitch_v_x"]] - exact[then][:, :, at["hitch_v_x"]])  # [m/s]
+    assert np.quantile(wrong_speed, 0.95) < 0.1  # a pair is 5 of 102 moments
+    assert wrong_speed.max() < 0.15
+    assert float(np.sqrt(np.mean(wrong_speed**2))) < 0.05
     one = gymnasium.make(TRAILER, disable_env_checker=True, **given)
     alone = [one.reset(seed=102)[0], *(one.step(action[1])[0] for _ in range(10))]
     one.close()
