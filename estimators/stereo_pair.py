@@ -21,6 +21,8 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 
+Points = NDArray[np.float32]  # (n, 2) u, v [px]
+
 NEAREST = 0.5  # least depth of a point [m]; nothing in view is nearer
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.image_points import (
-    Points,
     detect_corners,
     disparity_guess,
     half_size,
@@ -26,7 +25,7 @@ from estimators.odometry.image_points import (
     rays_through,
     track,
 )
-from estimators.stereo_pair import Turned, displaced
+from estimators.stereo_pair import Points, Turned, displaced
 from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray

@@ -17,7 +17,6 @@ from estimators.calibration.mount_state import PairGeometry
 from estimators.odometry.image_points import (
     LEVELS,
     LEVELS_NEAR,
-    Points,
     detect_corners,
     disparity_guess,
     local_planes,
@@ -26,7 +25,7 @@ from estimators.odometry.image_points import (
     warps,
 )
 from estimators.odometry.warped_matching import MARGIN, match_patches
-from estimators.stereo_pair import as_calibrated, displaced, right_position
+from estimators.stereo_pair import Points, as_calibrated, displaced, right_position
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse, orthonormalised, so3_exp, transform

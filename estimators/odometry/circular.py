@@ -12,11 +12,11 @@ import numpy as np
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.exposure import match_over_time
 from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, FrameMemory, FrameToFrame, Seen
-from estimators.odometry.image_points import Points, detect_corners, match
+from estimators.odometry.image_points import detect_corners, match
 from estimators.odometry.plausibility import LARGEST_ACCELERATION
 from estimators.odometry.pose import Observations, consensus, point_covariance, refined
 from estimators.rigid_motion import stretched
-from estimators.stereo_pair import triangulate
+from estimators.stereo_pair import Points, triangulate
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.image_points import Points, disparity_guess
-from estimators.stereo_pair import MatchedFrame, mapped, with_levels
+from estimators.odometry.image_points import disparity_guess
+from estimators.stereo_pair import MatchedFrame, Points, mapped, with_levels
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.engine.compiler import kernel

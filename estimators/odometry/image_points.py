@@ -1,7 +1,8 @@
 """Points of stereo images: corner detection, tracking, and the local plane around each point.
 
 Circular matching tracks corners through the previous and current, left and right image, back to the start. It follows
-VISO2-S as in de Saxe 2018, section 2.1, steps 1 to 3, with sub-pixel tracks in place of descriptors.
+VISO2-S as in de Saxe 2018, section 2.1, steps 1 to 3, with sub-pixel tracks in place of descriptors. Points are tracked
+as by Lucas and Kanade (1981), from coarse to fine images.
 
 A plane is given by n (3,) [1/m] with n . X = 1 for its points X in the camera. Then 1/Z = n . ray over the rays
 (x, y, 1), and disparity is linear in the image; under X' = R X + t the plane's images map by the homography R + t n'.
@@ -14,12 +15,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from estimators.stereo_pair import NEAREST, as_calibrated, displaced, project, right_shift, triangulate
+from estimators.odometry.warped_matching import Patch, match_patches
+from estimators.stereo_pair import NEAREST, Points, as_calibrated, displaced, project, right_shift, triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
-
-Points = NDArray[np.float32]  # (n, 2) u, v [px]
 
 _BUCKET = 50  # de Saxe 2018, section 3.1 [px]
 _BLOCK = 3  # window of the structure tensor, in pixels of the halved image
@@ -189,11 +189,11 @@ def _through(calibration: StereoCalibration, points: Points, disparity: FloatArr
 
 
 _CLOSURE = 0.6  # largest distance between start and end of the circle; 0.3 costs matches in fast turns [px]
-LEVELS = 3  # pyramid levels above the image, for guesses wrong by up to some 40 px
+LEVELS = 4  # pyramid levels above the image, for guesses wrong by up to some 40 px
 LEVELS_NEAR = 1  # the same, for guesses wrong by noise alone
-_WINDOW = 11  # [px]; 15 shears more on the ground and doubles the off-tracking error, 9 is not better
-_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
-_FLATTEST = 1e-4  # least eigenvalue of a window that can be tracked
+# 15 px shear more on the ground and double the off-tracking error, 9 px are not better; equal weights
+_TRACKED = Patch(half=5, spread=np.inf, iterations=8, done=0.05, longest_step=4.0)
+_VAGUE = 0.25  # largest variance of a tracked point along an axis [px2]
 _EPIPOLAR = 1.2  # largest difference of the rows in left and right: tracking error and 0.1 deg of mis-rotation [px]
 _LEAST_DISPARITY = 0.5  # farther points carry no information on the translation, and their depth is biased [px]
 _SCENERY_DEPTH = 30.0  # initial guess of the depth of points above the ground [m]
@@ -202,21 +202,21 @@ _SCENERY_DEPTH = 30.0  # initial guess of the depth of points above the ground [
 def track(
     source: GreyImage, target: GreyImage, points: Points, guess: Points, levels: int
 ) -> tuple[Points, NDArray[np.bool_]]:
-    """Track points from the source to the target image, near the guess; the mask (n,) tells which were found."""
-    if len(points) == 0:
-        return points, np.zeros(0, dtype=np.bool_)
-    tracked, found, _ = cv2.calcOpticalFlowPyrLK(
-        source,
-        target,
-        points,
-        guess.copy(),  # overwritten
-        winSize=(_WINDOW, _WINDOW),
-        maxLevel=levels,
-        criteria=_CRITERIA,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS,  # as the error: known anyway
-        minEigThreshold=_FLATTEST,
-    )
-    return np.asarray(tracked, dtype=np.float32), np.asarray(found).ravel() > 0
+    """Track points from the source to the target image, near the guess; the mask (n,) tells which were found.
+
+    Found are points with texture that end inside the image; whether it is the same texture, tracking back tells.
+    """
+    images = [(source, target)]
+    while len(images) <= levels and min(images[-1][1].shape) > 4 * _TRACKED.half + 2:  # smaller ones hold no patch
+        images.append((half_size(images[-1][0]), half_size(images[-1][1])))
+    for level, (of_source, of_target) in reversed(list(enumerate(images))):
+        size = np.float32(0.5**level)
+        here, near = (size * (places + np.float32(0.5)) - np.float32(0.5) for places in (points, guess))
+        matched = match_patches([(of_source, len(points))], here, None, of_target, near, _TRACKED)
+        guess = (matched.points + np.float32(0.5)) / size - np.float32(0.5)
+    high = np.array([target.shape[1] - 1, target.shape[0] - 1])
+    found = (guess >= 0.0) & (guess <= high) & (matched.variance < _VAGUE)
+    return guess, np.logical_and.reduce(found, axis=1)
 
 
 def track_halved(

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from estimators.odometry.exposure import clipped_share, match_clipping
 from estimators.odometry.image_points import (
     LEVELS_NEAR,
-    Points,
     detect_corners,
     local_planes,
     rays_through,
@@ -20,7 +19,7 @@ from estimators.odometry.image_points import (
 from estimators.odometry.pose import Observations, consensus, point_covariance, refined
 from estimators.odometry.warped_matching import MARGIN, Float32Array, PatchMatches, match_patches
 from estimators.rigid_motion import UncertainMotion
-from estimators.stereo_pair import as_calibrated, image_shift, project, right_position, right_shift, triangulate
+from estimators.stereo_pair import Points, as_calibrated, image_shift, project, right_position, right_shift, triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse

@@ -1,11 +1,11 @@
-/* Location of warped patches to sub-pixels, as by NumPy in warped_matching.py, one patch after the other in the cache.
-   HALF, ITERATIONS, DONE, LONGEST_STEP, QUIETEST, FLATTEST, LEAST_CONTRAST and NOISE_SHARE are defined there. */
+/* Location of patches to sub-pixels, as by NumPy in warped_matching.py, one patch after the other in the cache.
+   HALF, ITERATIONS, DONE, LONGEST_STEP, LANES, QUIETEST, FLATTEST, LEAST_CONTRAST and NOISE_SHARE are defined there. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
-enum { SIDE = 2 * HALF + 1, LANES = SIDE + 1, WIDE = SIDE + 2, ALL = WIDE * WIDE };
-typedef float row __attribute__((vector_size(4 * LANES)));  /* of a patch, and one pixel more that weighs nothing */
+enum { SIDE = 2 * HALF + 1, WIDE = SIDE + 2, ALL = WIDE * WIDE };
+typedef float row __attribute__((vector_size(4 * LANES)));  /* of a patch, and pixels that weigh nothing */
 typedef row row_anywhere __attribute__((aligned(4)));
 typedef uint32_t word __attribute__((aligned(1), may_alias));
 typedef float half_row __attribute__((vector_size(2 * LANES)));
@@ -52,13 +52,14 @@ static void warp(const uint8_t *image, int width, int height, const float *centr
   }
 }
 
-/* grey levels of the unwarped patch around (u, v), less a level */
-static inline void sample(const uint8_t *image, long width, long height, float u, float v, float level, row *grey) {
+/* grey levels of an unwarped patch, less a level: rows from `reach` left of and above (u, v) on */
+static inline void sample(const uint8_t *image, long width, long height, float u, float v, int reach, int rows,
+                          float level, row *grey) {
   const float low_u = floorf(u), low_v = floorf(v);
-  const long column = (long)low_u - HALF, line = (long)low_v - HALF;
-  const int whole = column >= 0 && line >= 0 && column + LANES < width && line + SIDE < height;
+  const long column = (long)low_u - reach, line = (long)low_v - reach;
+  const int whole = column >= 0 && line >= 0 && column + LANES < width && line + rows < height;
   row above;
-  for (int i = 0; i <= SIDE; i++) {
+  for (int i = 0; i <= rows; i++) {
     pixels one, next;
     if (whole) {
       const uint8_t *at = image + (line + i) * width + column;
@@ -74,52 +75,78 @@ static inline void sample(const uint8_t *image, long width, long height, float u
   }
 }
 
-/* n patches around centres (n, 2) of their sources, warped by A (n, 2, 2), located in the target near points (n, 2) */
+struct template {
+  row across[SIDE], down[SIDE], pattern[SIDE];  /* weighted gradients and grey levels, less their means */
+  float a, b, c, determinant;                   /* of the structure tensor */
+  float level, contrast, offset_u, offset_v;
+};
+
+/* template of a patch with a border of one pixel, whose rows are `stride` apart */
+static inline void prepare(const float *wide, int stride, const row_anywhere *weight, struct template *t) {
+  row mean_u = {0}, mean_v = {0}, mean = {0}, uu = {0}, uv = {0}, vv = {0}, of_u = {0}, of_v = {0}, squares = {0};
+  for (int i = 0; i < SIDE; i++) {
+    const float *at = wide + (i + 1) * stride + 1;
+    t->across[i] = 0.5f * (*(row_anywhere *)(at + 1) - *(row_anywhere *)(at - 1));
+    t->down[i] = 0.5f * (*(row_anywhere *)(at + stride) - *(row_anywhere *)(at - stride));
+    t->pattern[i] = *(row_anywhere *)at;
+    mean_u += weight[i] * t->across[i], mean_v += weight[i] * t->down[i], mean += weight[i] * t->pattern[i];
+  }
+  const float level = total(mean), slope_u = total(mean_u), slope_v = total(mean_v);
+  for (int i = 0; i < SIDE; i++) {
+    const row u = t->across[i] - slope_u, v = t->down[i] - slope_v, deviation = t->pattern[i] - level;
+    t->across[i] = weight[i] * u, t->down[i] = weight[i] * v, t->pattern[i] = weight[i] * deviation;
+    uu += t->across[i] * u, uv += t->across[i] * v, vv += t->down[i] * v;
+    of_u += t->across[i] * deviation, of_v += t->down[i] * deviation, squares += t->pattern[i] * deviation;
+  }
+  t->level = level, t->a = total(uu), t->b = total(uv), t->c = total(vv);
+  t->determinant = fmaxf(t->a * t->c - t->b * t->b, FLATTEST);
+  t->contrast = sqrtf(fmaxf(total(squares), LEAST_CONTRAST * LEAST_CONTRAST));
+  t->offset_u = total(of_u), t->offset_v = total(of_v);
+}
+
+/* moves a point to where the target is like the template; its correlation there, before the last step */
+static inline float settle(const struct template *t, const row_anywhere *weight, const uint8_t *target, long width,
+                           long height, float *point) {
+  float u = limited(point[0], 1e6f), v = limited(point[1], 1e6f), alike;
+  for (int turn = 0;; turn++) {
+    row grey[SIDE], sum = {0}, square = {0}, by_u = {0}, by_v = {0}, product = {0};
+    sample(target, width, height, u, v, HALF, SIDE, t->level, grey);
+    for (int i = 0; i < SIDE; i++) {
+      const row weighted = weight[i] * grey[i];
+      sum += weighted, square += weighted * grey[i], product += t->pattern[i] * grey[i];
+      by_u += t->across[i] * grey[i], by_v += t->down[i] * grey[i];
+    }
+    const float off = total(sum);
+    const float there = sqrtf(fmaxf(total(square) - off * off, LEAST_CONTRAST * LEAST_CONTRAST));
+    alike = total(product) / (t->contrast * there);
+    if (turn == ITERATIONS) break;
+    const float gain = t->contrast / there;
+    const float r_u = gain * total(by_u) - t->offset_u, r_v = gain * total(by_v) - t->offset_v;
+    const float step_u = (t->c * r_u - t->b * r_v) / t->determinant;
+    const float step_v = (t->a * r_v - t->b * r_u) / t->determinant;
+    u -= limited(step_u, LONGEST_STEP), v -= limited(step_v, LONGEST_STEP);
+    if (fmaxf(fabsf(step_u), fabsf(step_v)) <= DONE) break;
+  }
+  point[0] = u, point[1] = v;
+  return alike;
+}
+
+/* n patches around centres (n, 2) of their sources, warped by A (n, 2, 2), located in the target near points (n, 2);
+   without A patches are not warped, and HALF is at most 6 */
 void match(long n, const uint8_t *const *sources, const float *centres, const float *A, const uint8_t *target,
            long width, long height, const row_anywhere *weight, float *points, float *correlation, float *variance) {
   for (long k = 0; k < n; k++) {
-    float wide[ALL];
-    row across[SIDE], down[SIDE], pattern[SIDE], grey[SIDE];
-    row mean_u = {0}, mean_v = {0}, mean = {0}, uu = {0}, uv = {0}, vv = {0}, of_u = {0}, of_v = {0}, squares = {0};
-    warp(sources[k], width, height, centres + 2 * k, A + 4 * k, wide);
-    for (int i = 0; i < SIDE; i++) {
-      const float *at = wide + (i + 1) * WIDE + 1;
-      across[i] = 0.5f * (*(row_anywhere *)(at + 1) - *(row_anywhere *)(at - 1));
-      down[i] = 0.5f * (*(row_anywhere *)(at + WIDE) - *(row_anywhere *)(at - WIDE));
-      pattern[i] = *(row_anywhere *)at;
-      mean_u += weight[i] * across[i], mean_v += weight[i] * down[i], mean += weight[i] * pattern[i];
-    }
-    const float level = total(mean), slope_u = total(mean_u), slope_v = total(mean_v);
-    for (int i = 0; i < SIDE; i++) {
-      const row u = across[i] - slope_u, v = down[i] - slope_v, deviation = pattern[i] - level;
-      across[i] = weight[i] * u, down[i] = weight[i] * v, pattern[i] = weight[i] * deviation;
-      uu += across[i] * u, uv += across[i] * v, vv += down[i] * v;
-      of_u += across[i] * deviation, of_v += down[i] * deviation, squares += pattern[i] * deviation;
-    }
-    const float a = total(uu), b = total(uv), c = total(vv), determinant = fmaxf(a * c - b * b, FLATTEST);
-    const float contrast = sqrtf(fmaxf(total(squares), LEAST_CONTRAST * LEAST_CONTRAST));
-    const float offset_u = total(of_u), offset_v = total(of_v);
-    float u = limited(points[2 * k], 1e6f), v = limited(points[2 * k + 1], 1e6f), alike;
-    for (int turn = 0;; turn++) {
-      row sum = {0}, square = {0}, by_u = {0}, by_v = {0}, product = {0};
-      sample(target, width, height, u, v, level, grey);
-      for (int i = 0; i < SIDE; i++) {
-        const row weighted = weight[i] * grey[i];
-        sum += weighted, square += weighted * grey[i], product += pattern[i] * grey[i];
-        by_u += across[i] * grey[i], by_v += down[i] * grey[i];
-      }
-      const float off = total(sum);
-      const float there = sqrtf(fmaxf(total(square) - off * off, LEAST_CONTRAST * LEAST_CONTRAST));
-      alike = total(product) / (contrast * there);
-      if (turn == ITERATIONS) break;
-      const float r_u = contrast / there * total(by_u) - offset_u, r_v = contrast / there * total(by_v) - offset_v;
-      const float step_u = (c * r_u - b * r_v) / determinant, step_v = (a * r_v - b * r_u) / determinant;
-      u -= limited(step_u, LONGEST_STEP), v -= limited(step_v, LONGEST_STEP);
-      if (fmaxf(fabsf(step_u), fabsf(step_v)) <= DONE) break;
-    }
-    const float noise = fmaxf(contrast * sqrtf(fmaxf(1.0f - alike, 0.0f)), QUIETEST);
-    const float scale = NOISE_SHARE * noise * noise / determinant;
-    points[2 * k] = u, points[2 * k + 1] = v, correlation[k] = alike;
-    variance[2 * k] = scale * c, variance[2 * k + 1] = scale * a;
+    row wide[WIDE + 2] = {0};  /* more is read than weighs */
+    struct template t;
+    if (A)
+      warp(sources[k], width, height, centres + 2 * k, A + 4 * k, (float *)wide);
+    else
+      sample(sources[k], width, height, centres[2 * k], centres[2 * k + 1], HALF + 1, WIDE, 0.0f, wide);
+    prepare((const float *)wide, A ? WIDE : LANES, weight, &t);
+    const float alike = settle(&t, weight, target, width, height, points + 2 * k);
+    const float noise = fmaxf(t.contrast * sqrtf(fmaxf(1.0f - alike, 0.0f)), QUIETEST);
+    const float scale = NOISE_SHARE * noise * noise / t.determinant;
+    correlation[k] = alike;
+    variance[2 * k] = scale * fmaxf(t.c, sqrtf(FLATTEST)), variance[2 * k + 1] = scale * fmaxf(t.a, sqrtf(FLATTEST));
   }
 }

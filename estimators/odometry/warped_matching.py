@@ -1,54 +1,80 @@
-"""Matching of warped patches: square patches of images, warped by their local plane, located to sub-pixels.
+"""Matching of square patches to sub-pixels: warped by their local plane, or as they are.
 
 Inverse-compositional Gauss-Newton on the shift of the patch: gradients are computed on the template, once. Mean and
 gain of every patch are normalised, so the exposure may change. Without the warp a patch on the ground is sheared by the
-slope of the disparity (baseline over height): 0.09 px of bias and ten times the off-tracking error.
+slope of the disparity (baseline over height): 0.09 px of bias and ten times the off-tracking error. Points that are
+tracked, before planes are known, have smaller patches, which shear less.
 
 It is compiled C (``patches.c``); without a C compiler OpenCV and NumPy do the same in several times the time.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.image_points import Points
+from estimators.stereo_pair import Points
 from sensors.messages import GreyImage
 from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 
-_HALF = 7  # patches of 15 x 15 px
-_SPREAD = 0.6 * _HALF  # standard deviation of the Gaussian weights [px]
-_ITERATIONS = 5  # at most; most patches converge after three
-_DONE = 0.02  # step at convergence; the next would be a fifth of it [px]
-_LONGEST_STEP = 1.0  # of an iteration; beyond it the gradients of the template are not valid [px]
 _QUIETEST = 1.5  # least assumed noise of an image; residuals of single patches are smaller by chance [grey levels]
 _FLATTEST = 1e-3  # least determinant of the structure tensor, for patches without texture [grey levels^4/px4]
 _LEAST_CONTRAST = 1e-3  # keeps the gain of a uniform patch finite [grey levels]
+_LANES = 16  # pixels of a row in the compiled code; those beyond the patch weigh nothing
 
 Float32Array = NDArray[np.float32]
 
-MARGIN = _HALF + 2  # least distance of a patch's centre from the image's edge [px]
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patch:
+    """Shape of square patches, and how they are located."""
+
+    half: int  # of 2 half + 1 pixels
+    spread: float  # standard deviation of the Gaussian weights [px]
+    iterations: int  # at most
+    done: float  # step at convergence; the next would be a fifth of it [px]
+    longest_step: float  # of an iteration; far beyond 1 px the gradients of the template are not valid [px]
+
+    def offsets(self, border: int = 0) -> Float32Array:
+        """Offsets u and v (2, m) of the pixels, row by row."""
+        reach = self.half + border
+        v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(np.float32)
+        return np.stack([u.ravel(), v.ravel()])
+
+    @cached_property
+    def weight(self) -> Float32Array:
+        """Weights (m,) of the pixels; their sum is 1."""
+        bell = np.exp(-np.square(self.offsets()).sum(axis=0) / np.float32(2.0 * self.spread**2))
+        return np.asarray(bell / bell.sum(), dtype=np.float32)
+
+    @cached_property
+    def noise_share(self) -> float:
+        """Variance of the weighted grey level relative to a pixel's; both images are noisy."""
+        return 2.0 * float(np.square(self.weight).sum())
+
+    @cached_property
+    def rows(self) -> Float32Array:
+        """Weights row by row, padded with zeros to the compiled code's lanes."""
+        side = 2 * self.half + 1
+        return np.pad(self.weight.reshape(side, side), ((0, 0), (0, _LANES - side)))
+
+    @cached_property
+    def numbers(self) -> tuple[str, ...]:
+        """Macros of the compiled code."""
+        return (
+            *(f"HALF={self.half}", f"ITERATIONS={self.iterations}", f"DONE={self.done}f"),
+            *(f"LONGEST_STEP={self.longest_step}f", f"QUIETEST={_QUIETEST}f", f"FLATTEST={_FLATTEST}f"),
+            *(f"LEAST_CONTRAST={_LEAST_CONTRAST}f", f"NOISE_SHARE={self.noise_share}f", f"LANES={_LANES}"),
+        )
 
 
-def _grid(half: int) -> tuple[Float32Array, Float32Array]:
-    """Offsets u and v of a patch's pixels, row by row."""
-    v, u = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float32)
-    return u.ravel(), v.ravel()
-
-
-_U, _V = _grid(_HALF)
-_BELL = np.exp(-(_U**2 + _V**2) / (2.0 * _SPREAD**2))
-_WEIGHT: Float32Array = _BELL / _BELL.sum()
-_NOISE_SHARE = 2.0 * float(np.square(_WEIGHT).sum())  # of the grey-level variance; both images are noisy
-_ROWS = np.pad(_WEIGHT.reshape(2 * _HALF + 1, -1), ((0, 0), (0, 1)))  # of the weights, with a column of zeros
-_NUMBERS = (
-    *(f"HALF={_HALF}", f"ITERATIONS={_ITERATIONS}", f"DONE={_DONE}f", f"LONGEST_STEP={_LONGEST_STEP}f"),
-    *(f"QUIETEST={_QUIETEST}f", f"FLATTEST={_FLATTEST}f", f"LEAST_CONTRAST={_LEAST_CONTRAST}f"),
-    f"NOISE_SHARE={_NOISE_SHARE}f",
-)
+WARPED = Patch(half=7, spread=4.2, iterations=5, done=0.02, longest_step=1.0)  # most converge after three iterations
+MARGIN = WARPED.half + 2  # least distance of a patch's centre from the image's edge [px]
 
 
 class PatchMatches(NamedTuple):
@@ -60,37 +86,45 @@ class PatchMatches(NamedTuple):
 
 
 def match_patches(
-    sources: Sequence[tuple[GreyImage, int]], centres: Points, warps: FloatArray, target: GreyImage, guess: Points
+    sources: Sequence[tuple[GreyImage, int]],
+    centres: Points,
+    warps: FloatArray | None,
+    target: GreyImage,
+    guess: Points,
+    patch: Patch = WARPED,
 ) -> PatchMatches:
     """Locate patches in the target image, each near its guess (n, 2): 5 px away at most.
 
     Args:
         sources: images of the size of the target, each with its number of patches, in the order of the patches.
         centres: of the patches in their images (n, 2) [px].
-        warps: (n, 2, 2) map offsets in the target to offsets in the patch's image.
+        warps: (n, 2, 2) map offsets in the target to offsets in the patch's image; None: they are the same. Such
+            patches have at most 13 x 13 px.
         target: image in which the patches are located.
         guess: (n, 2) [px].
+        patch: their shape.
     """
-    n, compiled = len(guess), kernel("estimators.odometry", "patches.c", "match", _NUMBERS)
+    n, compiled = len(guess), kernel("estimators.odometry", "patches.c", "match", patch.numbers)
     if n == 0:
         return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
     if compiled is None:
+        bent = np.broadcast_to(np.eye(2), (n, 2, 2)) if warps is None else warps
         ends = np.cumsum([count for _, count in sources])[:-1]
-        parts = zip(sources, np.split(centres, ends), np.split(warps, ends), strict=True)
-        patches = [_warped(image, of_these, A) for (image, count), of_these, A in parts if count]
-        return _matched(np.concatenate(patches), target, guess)
+        parts = zip(sources, np.split(centres, ends), np.split(bent, ends), strict=True)
+        patches = [_warped(patch, image, of_these, A) for (image, count), of_these, A in parts if count]
+        return _matched(patch, np.concatenate(patches), target, guess)
     images = [np.ascontiguousarray(image) for image, _ in sources]
     places = np.repeat([image.ctypes.data for image in images], [count for _, count in sources])
     points, correlation, variance = np.array(guess, np.float32), np.empty(n, np.float32), np.empty((n, 2), np.float32)
-    around, A = np.ascontiguousarray(centres, np.float32), np.ascontiguousarray(warps, np.float32)
-    height, width = target.shape
-    compiled(n, places, around, A, np.ascontiguousarray(target), width, height, _ROWS, points, correlation, variance)
+    around, A = np.ascontiguousarray(centres, np.float32), 0 if warps is None else np.ascontiguousarray(warps, "f4")
+    sizes = reversed(target.shape)
+    compiled(n, places, around, A, np.ascontiguousarray(target), *sizes, patch.rows, points, correlation, variance)
     return PatchMatches(points, correlation, variance)
 
 
-def _warped(image: GreyImage, centres: Points, warps: FloatArray) -> Float32Array:
-    """Grey levels (n, 289) around the centres, with a border of one pixel for the gradients."""
-    offsets = warps.astype(np.float32) @ np.stack(_grid(_HALF + 1))
+def _warped(patch: Patch, image: GreyImage, centres: Points, warps: FloatArray) -> Float32Array:
+    """Grey levels (n, m) around the centres, with a border of one pixel for the gradients."""
+    offsets = warps.astype(np.float32) @ patch.offsets(border=1)
     return _sampled(image, centres[:, :1] + offsets[:, 0], centres[:, 1:] + offsets[:, 1])
 
 
@@ -100,31 +134,33 @@ def _sampled(image: GreyImage, u: Float32Array, v: Float32Array) -> Float32Array
     return np.asarray(grey, dtype=np.float32)
 
 
-def _matched(patches: Float32Array, target: GreyImage, guess: Points) -> PatchMatches:
-    """Matches of warped patches (n, 289)."""
-    n, side = len(patches), 2 * _HALF + 3
+def _matched(patch: Patch, patches: Float32Array, target: GreyImage, guess: Points) -> PatchMatches:
+    """Matches of warped patches (n, m), which have a border."""
+    n, side, (U, V) = len(patches), 2 * patch.half + 3, patch.offsets()
     wide = patches.reshape(n, side, side)
     across, down = 0.5 * (wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]), 0.5 * (wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1])
     levels = np.stack([across, down, wide[:, 1:-1, 1:-1]]).reshape(3, n, (side - 2) ** 2)
-    levels -= (levels @ _WEIGHT)[..., None]
-    weighted, deviation = levels * _WEIGHT, levels[2]
+    levels -= (levels @ patch.weight)[..., None]
+    weighted, deviation = levels * patch.weight, levels[2]
     gradients, pattern = weighted[:2], weighted[2]
     a, b, c = (np.vecdot(gradients[i], levels[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    inverse = np.array([[c, -b], [-b, a]]) / np.maximum(a * c - b * b, np.float32(_FLATTEST))
+    determinant = np.maximum(a * c - b * b, np.float32(_FLATTEST))
+    inverse = np.array([[c, -b], [-b, a]]) / determinant
     offset, contrast = np.vecdot(gradients, deviation), _positive(np.vecdot(pattern, deviation))
     position, moving, correlation = guess.T.astype(np.float32), np.ones(n, np.bool_), np.zeros(n, np.float32)
-    for k in range(_ITERATIONS + 1):
-        grey = _sampled(target, position[0][:, None] + _U, position[1][:, None] + _V)
-        there = _positive(np.square(grey) @ _WEIGHT - np.square(grey @ _WEIGHT))
+    for k in range(patch.iterations + 1):
+        grey = _sampled(target, position[0][:, None] + U, position[1][:, None] + V)
+        there = _positive(np.square(grey) @ patch.weight - np.square(grey @ patch.weight))
         correlation = np.where(moving, np.vecdot(pattern, grey) / (contrast * there), correlation)
-        if k == _ITERATIONS or not moving.any():
+        if k == patch.iterations or not moving.any():
             break
         step = (inverse * (contrast / there * np.vecdot(gradients, grey) - offset)).sum(axis=1)
-        position -= moving * step.clip(-_LONGEST_STEP, _LONGEST_STEP)
-        moving &= np.abs(step).max(axis=0) > _DONE
+        position -= moving * step.clip(-patch.longest_step, patch.longest_step)
+        moving &= np.abs(step).max(axis=0) > patch.done
     # the difference of two patches of equal contrast has the variance 2 contrast^2 (1 - correlation), twice that of one
     noise = np.maximum(contrast * np.sqrt(np.maximum(1.0 - correlation, 0.0)), _QUIETEST)
-    variance = np.float32(_NOISE_SHARE) * np.square(noise) * inverse[[0, 1], [0, 1]]
+    steepness = np.maximum([c, a], np.float32(np.sqrt(_FLATTEST)))
+    variance = np.float32(patch.noise_share) * np.square(noise) * steepness / determinant
     return PatchMatches(np.ascontiguousarray(position.T), correlation, np.ascontiguousarray(variance.T))
 
 

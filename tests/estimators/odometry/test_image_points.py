@@ -1,11 +1,22 @@
 """Points of an image: planes around them from disparities, the warps these make, and corners."""
 
+import cv2
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from estimators.odometry.image_points import Points, detect_corners, disparity_guess, local_planes, rays_through, warps
-from estimators.stereo_pair import project
+from estimators.odometry.image_points import (
+    LEVELS,
+    detect_corners,
+    disparity_guess,
+    local_planes,
+    rays_through,
+    track,
+    warps,
+)
+from estimators.stereo_pair import Points, project
 from sensors.camera.rig import StereoCalibration
+from sensors.textures import fractal_noise
 from vehicle.frames import FloatArray, rotation_zyx
 
 
@@ -135,3 +146,37 @@ def test_darkness_and_its_noise_have_no_corners() -> None:
     noise = 2.0 * np.random.default_rng(0).standard_normal((391, 1344))
     plain = np.clip(np.rint(120.0 + noise), 0, 255).astype(np.uint8)
     assert len(detect_corners(plain, per_bucket=4)) < 50  # a handful of coincidences in 216 buckets
+
+
+# Tracking
+
+
+@pytest.mark.usefixtures("back_end")
+def test_points_are_tracked_over_forty_pixels_and_another_exposure() -> None:
+    """From coarse to fine; the finest level alone does not reach that far."""
+    rng, shift = np.random.default_rng(0), np.array([-36.4, 14.7])
+    rough = fractal_noise(rng, (300, 400), 1.5, (0.005, 0.25)).astype(np.float64)
+    source = np.clip(120.0 + 30.0 * rough / rough.std(), 0, 255).astype(np.uint8)
+    moved = ndimage.shift(source.astype(np.float64), shift[::-1], order=3, mode="reflect")
+    target = np.clip(np.rint(0.8 * moved + 12.0 + rng.normal(0.0, 1.0, moved.shape)), 0, 255).astype(np.uint8)
+    points = rng.uniform([80.0, 60.0], [340.0, 240.0], (200, 2)).astype(np.float32)
+    there, found = track(source, target, points, points, LEVELS)
+    off = np.abs(there - points - shift).max(axis=1)[found]
+    assert found.mean() > 0.9
+    assert np.percentile(off, 95) < 0.15  # [px]
+    assert np.median(off) < 0.04
+    there, _ = track(source, target, points, points, 0)
+    assert np.median(np.abs(there - points - shift)) > 5.0
+
+
+@pytest.mark.usefixtures("back_end")
+def test_points_that_leave_the_image_or_lie_on_plain_ground_are_not_found() -> None:
+    noise = np.random.default_rng(0).standard_normal((120, 200)).astype(np.float32)
+    image = np.clip(np.rint(120.0 + 60.0 * cv2.GaussianBlur(noise, (0, 0), 1.5)), 0, 255).astype(np.uint8)
+    image[40:80, 80:120] = 120
+    places = np.array([[30.0, 60.0], [100.0, 60.0], [3.0, 60.0]], np.float32)
+    target = np.roll(image, -10, axis=1)
+    there, found = track(image, target, places, places - np.array([10.0, 0.0], np.float32), 0)
+    assert found.tolist() == [True, False, False]
+    assert there[0] == pytest.approx([20.0, 60.0], abs=0.02)
+    assert len(track(image, target, places[:0], places[:0], LEVELS)[0]) == 0

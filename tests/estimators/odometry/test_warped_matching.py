@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from estimators.odometry.image_points import Points
 from estimators.odometry.warped_matching import PatchMatches, match_patches
+from estimators.stereo_pair import Points
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray
 
