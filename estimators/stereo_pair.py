@@ -1,4 +1,4 @@
-"""Stereo pairs: points and their images, a displaced right camera, and pairs of matched exposure.
+"""Stereo pairs: points and their images, a displaced right camera, and corrected pairs.
 
 Points known in the previous camera P are reprojected into the current camera C, linearised in the motion X_PC. The
 motion is perturbed as in the covariance of ``estimates.Motion``: R = exp(skew(d_theta)) R_PC, p = p_PC + d_p, both
@@ -121,11 +121,11 @@ class Turned(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MatchedFrame(StereoFrame):
-    """A stereo pair with the right image exposed like the left one, and with parallel cameras."""
+class CorrectedFrame(StereoFrame):
+    """A stereo pair with parallel cameras."""
 
-    turned: Turned | None = None  # from which the right image was resampled; None: it is as the camera took it
-    right_shift: FloatArray | None = None  # (3,) of the right camera from its calibrated position, in the left one [m]
+    turned: Turned  # from which the right image was resampled
+    right_shift: FloatArray | None  # (3,) of the right camera from its calibrated position, in the left one [m]
 
 
 def mapped(image: GreyImage, levels: FloatArray) -> GreyImage:
@@ -141,7 +141,7 @@ def with_levels(frame: StereoFrame, levels: FloatArray) -> StereoFrame:
     the camera itself has clipped, by 0.01 px.
     """
     left, right = mapped(frame.left, levels), mapped(frame.right, levels)
-    if not isinstance(frame, MatchedFrame) or frame.turned is None:
+    if not isinstance(frame, CorrectedFrame):
         return replace(frame, left=left, right=right)
     turned = frame.turned._replace(image=mapped(frame.turned.image, levels))
     return replace(frame, left=left, right=turned.resampled(), turned=turned)
@@ -156,7 +156,7 @@ _LEAST_AHEAD = 0.2  # least depth in the displaced camera, as a share of that in
 
 def right_shift(frame: StereoFrame) -> FloatArray | None:
     """Displacement (3,) of a frame's right camera [m]; None for an ordinary pair."""
-    return frame.right_shift if isinstance(frame, MatchedFrame) else None
+    return frame.right_shift if isinstance(frame, CorrectedFrame) else None
 
 
 def right_position(calibration: StereoCalibration, shift: FloatArray | None) -> FloatArray:

@@ -9,8 +9,9 @@ import numpy as np
 from estimators.calibration.epipolar import RightRotation, homography
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
 from estimators.estimates import Anchor, Health, Motion, lost_motion
-from estimators.stereo_pair import MatchedFrame, Turned
+from estimators.stereo_pair import CorrectedFrame, Turned
 from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
 
 # Changes of roll, yaw and pitch that are applied, at the cost of a restart of the odometry [standard deviations].
@@ -56,13 +57,20 @@ def is_another(new: Corrections, old: Corrections) -> bool:
 
 
 def corrected(
-    calibration: StereoCalibration, frame: MatchedFrame, rotation: RightRotation, geometry: PairGeometry
-) -> MatchedFrame:
+    calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, geometry: PairGeometry
+) -> StereoFrame:
     """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither."""
     if not any(rotation) and geometry.shift is None:
         return frame
     turned = Turned(frame.right, homography(calibration, geometry.attitude(rotation)))
-    return replace(frame, right=turned.resampled(), turned=turned, right_shift=geometry.shift)
+    return CorrectedFrame(
+        tick=frame.tick,
+        left=frame.left,
+        right=turned.resampled(),
+        colour=frame.colour,
+        turned=turned,
+        right_shift=geometry.shift,
+    )
 
 
 # All of these were measured with keyframe and circular odometry on rendered drives: by 0.15 deg of roll and yaw and 0.1

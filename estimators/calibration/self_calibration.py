@@ -58,11 +58,11 @@ from estimators.calibration.rotation_fit import FEWEST, View, from_motion, new_v
 from estimators.context import Memory, Odometry
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import clipped_share, match_clipping, match_exposures
+from estimators.odometry.exposure import clipped_share, match_clipping
 from estimators.odometry.image_points import LEVELS_NEAR, detect_corners, rays_through, track
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import chained, rotation_vector
-from estimators.stereo_pair import MatchedFrame, project
+from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -82,9 +82,9 @@ _SIGNIFICANT = 8.0  # the same in standard deviations of a fit, which are half o
 
 
 class Taken(NamedTuple):
-    """A frame of matched exposures before corrections, and the velocity before it."""
+    """A frame before corrections, and the velocity before it."""
 
-    frame: MatchedFrame
+    frame: StereoFrame
     twist: Twist
     lost: bool = False  # True if no motion ended at it
     left_over: float = 0.0  # displacement of its right image that was not compensated [m]
@@ -112,7 +112,7 @@ class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
     twist: Twist = UNKNOWN  # by the last motion
     fresh: float | None = None  # distance since the last fit to a single pair [m]; None: there is none
     previous: tuple[Taken, ...] = ()  # newest frames of the odometry, oldest first
-    suspect: MatchedFrame | None = None  # newest frame, if it contradicts the estimate
+    suspect: StereoFrame | None = None  # newest frame, if it contradicts the estimate
     earlier: Earlier | None = None  # estimate to which a passing disturbance returns
     shift: float = 0.0  # displacement of the right camera along the optical axis, by the newest frame [m]
     assumed: float = 0.0  # the same for the first motion, as long as no velocity relates it to a delay [m]
@@ -236,49 +236,48 @@ class SelfCalibratedOdometry(Generic[Memory]):
 
         The motion of a frame that contradicts the estimate is lost, and the frame is skipped.
         """
-        pair = match_exposures(self._calibration, frame)
-        memory = self._with_clipping(memory, pair)
+        memory = self._with_clipping(memory, frame)
         tried = self._restarted(memory, False)
-        stepped = self._stepped(tried, pair)
+        stepped = self._stepped(tried, frame)
         newly = tried.odometry is not memory.odometry  # then the restart is repeated, with the rows of this frame
-        memory, changed = self._with_rows(tried, pair, stepped[1])
-        if memory.suspect is pair:
-            return memory, self._message(lost_motion(pair.tick, memory.previous[-1].frame.tick), memory)
+        memory, changed = self._with_rows(tried, frame, stepped[1])
+        if memory.suspect is frame:
+            return memory, self._message(lost_motion(frame.tick, memory.previous[-1].frame.tick), memory)
         start = self._restarted(memory, changed or newly)
         if start.odometry is tried.odometry and start.assumed == tried.assumed:
-            after, motion = self._with_motion(start._replace(applied=tried.applied), pair, stepped)
+            after, motion = self._with_motion(start._replace(applied=tried.applied), frame, stepped)
         else:
-            after, motion = self._with_motion(start, pair, self._stepped(start, pair))
+            after, motion = self._with_motion(start, frame, self._stepped(start, frame))
         if motion is not None and motion.health is Health.LOST and start.applied.rotation != memory.state.rotation:
             again = self._restarted(start, changed, at_once=True)
             if again.applied != start.applied:  # the best guess of the rotation may be what the odometry needs
-                after, motion = self._with_motion(again, pair, self._stepped(again, pair))
+                after, motion = self._with_motion(again, frame, self._stepped(again, frame))
         if motion is None:
-            return self._with_view(after, pair), None
+            return self._with_view(after, frame), None
         if motion.health is not Health.LOST and look_due(after):
-            after = self._with_yaw(after, pair)
+            after = self._with_yaw(after, frame)
             again = self._restarted(start._replace(state=after.state), False)
             if is_another(again.applied, start.applied):  # the motion once more, with the better correction
                 before = after
-                after, motion = self._with_motion(again, pair, self._stepped(again, pair))
+                after, motion = self._with_motion(again, frame, self._stepped(again, frame))
                 if motion is not None and motion.health is not Health.LOST:
                     after = after._replace(view=before.view, X_VC=before.X_VC, look=before.look, rest=before.rest)
         if motion is None or after.assumed:
-            motion = lost_motion(pair.tick, memory.previous[-1].frame.tick)
+            motion = lost_motion(frame.tick, memory.previous[-1].frame.tick)
         if view_due(after):
-            after = self._with_view(after, pair)
+            after = self._with_view(after, frame)
         return after._replace(assumed=0.0), self._message(motion, after)
 
     def _with_clipping(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
+        self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame
     ) -> SelfCalibrationMemory[Memory]:
         """Memory with the share of clipped pixels; a view from before the first clipped frame has too few points."""
-        clipped = max(clipped_share(frame.left), _FADING * memory.clipped)
+        clipped = max(clipped_share(frame.left), clipped_share(frame.right), _FADING * memory.clipped)
         begins = clipped > _CLIPPED >= memory.clipped
         return memory._replace(clipped=clipped, view=None if begins else memory.view)
 
     def _with_rows(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, motion: Motion | None
+        self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame, motion: Motion | None
     ) -> tuple[SelfCalibrationMemory[Memory], bool]:
         """Memory with the rows of a frame in its estimate; True if the odometry must restart before it.
 
@@ -309,7 +308,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         return memory, changed
 
     def _returned(
-        self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: MatchedFrame
+        self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: StereoFrame
     ) -> tuple[SelfCalibrationMemory[Memory], EpipolarFit | None]:
         """Memory with the earlier estimate, restarted at the first of two pairs that are as before; the second's fit.
 
@@ -335,7 +334,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         innovated = innovation(memory.state, fit, memory.twist, self._calibration.baseline)
         return None if is_surprising(memory.state, innovated) else fit
 
-    def _fit(self, state: MountState, twist: Twist, frame: MatchedFrame) -> EpipolarFit | None:
+    def _fit(self, state: MountState, twist: Twist, frame: StereoFrame) -> EpipolarFit | None:
         """Fit to the single pair, from what is expected of it."""
         return epipolar_fit(self._calibration, frame, *self._expected(state, twist))
 
@@ -367,18 +366,18 @@ class SelfCalibratedOdometry(Generic[Memory]):
             odometry, _ = self._odometry.step(odometry, self._corrected(taken.frame, then))
         return memory._replace(odometry=odometry)
 
-    def _corrected(self, frame: MatchedFrame, memory: SelfCalibrationMemory[Memory]) -> MatchedFrame:
+    def _corrected(self, frame: StereoFrame, memory: SelfCalibrationMemory[Memory]) -> StereoFrame:
         """Frame with the corrections that are applied."""
         return corrected(
             self._calibration, frame, memory.applied.rotation, pair_geometry(memory, self._calibration.baseline)
         )
 
-    def _stepped(self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame) -> tuple[Memory, Motion | None]:
+    def _stepped(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> tuple[Memory, Motion | None]:
         """The odometry's memory and motion after the frame with its corrections."""
         return self._odometry.step(memory.odometry, self._corrected(frame, memory))
 
     def _with_motion(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, stepped: tuple[Memory, Motion | None]
+        self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame, stepped: tuple[Memory, Motion | None]
     ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
         """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
         odometry, motion = stepped
@@ -407,7 +406,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         )
         return memory, motion
 
-    def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: MatchedFrame) -> bool:
+    def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: StereoFrame) -> bool:
         """True if the motion is short, and the ground in the images since the frame before has moved otherwise."""
         if motion.health is Health.LOST or np.linalg.norm(motion.X_PC[:3, 3]) > STANDING:
             return False
@@ -438,7 +437,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
                 break
         return looked(memory._replace(state=new, X_VC=X_VC))
 
-    def _with_view(self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame) -> SelfCalibrationMemory[Memory]:
+    def _with_view(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with the frame as its reference view."""
         rng = np.random.default_rng([self._seed, frame.tick, 2])
         doubt = float(memory.state.std[:3].max())

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.odometry.exposure import match_over_time
 from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, FrameMemory, FrameToFrame, Seen
 from estimators.odometry.image_points import detect_corners, match
 from estimators.odometry.plausibility import LARGEST_ACCELERATION
@@ -43,24 +42,8 @@ class CircularOdometry(FrameToFrame[Points]):
         """Motion since the reference frame with its corners, near the motion predicted from the last velocity.
 
         If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded. The
-        covariance counts features as independent. Frames whose exposures differ are compared once more at the points
-        that were tracked.
+        covariance counts features as independent.
         """
-        exposed, limited = match_over_time(reference, frame)
-        if exposed is reference:
-            return self._searched(reference, corners, frame, last)
-        in_both = detect_corners(exposed.left, per_bucket=PER_BUCKET)  # those that are not clipped in either image
-        motion = self._searched(exposed, in_both, limited, last)
-        if motion.health is Health.LOST:
-            return motion
-        exposed, limited = match_over_time(reference, frame, motion.tracks)
-        if exposed is reference:
-            return self._searched(reference, corners, frame, last)
-        again = self._searched(exposed, in_both, limited, last)
-        return motion if again.health is Health.LOST else again
-
-    def _searched(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """Motion between frames of equal exposures, searched near the prediction and then from rest."""
         guesses = [(np.eye(4), np.inf)]
         if last is not None:
             ticks = frame.tick - reference.tick

@@ -8,7 +8,6 @@ import numpy as np
 from estimators.context import above_ground
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.covariance import SelfConsistency, stated
-from estimators.odometry.exposure import match_exposures
 from estimators.odometry.plausibility import Belief, believed
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from sensors.camera.rig import StereoCalibration
@@ -56,7 +55,7 @@ class FrameToFrame(ABC, Generic[Features]):
         unless that is too old. A repeated frame is lost and skipped as well. After an implausible jump of velocity the
         odometry is lost until the next motion confirms it.
         """
-        frame, previous, before = match_exposures(self._calibration, frame), memory.frame, memory.belief
+        previous, before = memory.frame, memory.belief
         if previous is None or memory.features is None:
             return FrameMemory(frame, self._features(frame)), None
         if is_repeated(previous.left, frame.left, memory.noise, before.last):

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from estimators.estimates import Anchor, Health, Motion, lost_motion
 from estimators.odometry.circular import PER_BUCKET, CircularOdometry, search_radius
 from estimators.odometry.covariance import SelfConsistency, stated
-from estimators.odometry.exposure import match_exposures
 from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, LONGEST_SPAN, is_skipped
 from estimators.odometry.image_points import detect_corners
 from estimators.odometry.keyframe_tracking import MOST_POINTS, Keyframe, Located, located, new_keyframe
@@ -76,7 +75,6 @@ class KeyframeOdometry:
         one. After an implausible jump of velocity, in a degraded motion or the first one after a loss, the odometry is
         lost until the next motions confirm it. The keyframes are kept until then.
         """
-        frame = match_exposures(self._calibration, frame)
         previous, last = memory.previous, memory.last
         if previous is None:
             return self._restarted(frame, np.eye(4), None), None

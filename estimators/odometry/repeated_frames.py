@@ -16,11 +16,12 @@ import numpy as np
 
 from estimators.context import Estimator, SlipEstimator
 from estimators.estimates import Motion, SlipAngle, lost_slip
-from estimators.odometry.exposure import cell_means
+from estimators.odometry.exposure import CLIPPED, unclipped_range
 from sensors.messages import GreyImage, RoverView
 from vehicle.clock import TICK
 from vehicle.foundation.own_parts import close_part
 
+_CELL = 24  # small enough for cells without motion and without clipped pixels [px]
 _EQUAL = 0.005  # mean difference of equal images, some transmission errors included [grey levels]
 _ALIKE = 0.1  # the same for images compressed anew; a moving camera's differ by 1 and more [grey levels]
 _LEAST_NOISE = 0.3  # below it nothing is known of the camera's noise [grey levels]
@@ -29,8 +30,12 @@ _BRAKING = 8.0  # deceleration of full braking [m/s2]
 
 def visible_noise(before: GreyImage, image: GreyImage) -> float:
     """Least mean difference of the cells of two images [grey levels]: the noise, if some cell shows no motion."""
-    difference = np.asarray(cv2.absdiff(before, image), dtype=np.uint8)
-    shown = cell_means(difference, clipped=False)[np.isfinite(cell_means(image))]
+    cells = [max(side // _CELL, 1) for side in reversed(image.shape)]
+    difference, inside = (
+        cv2.resize(of_all, cells, interpolation=cv2.INTER_AREA)
+        for of_all in (cv2.absdiff(before, image), cv2.inRange(image, *unclipped_range(image).tolist()))
+    )
+    shown = difference[inside >= 255.0 * (1.0 - CLIPPED)]
     return float(shown.min()) if shown.size else 0.0
 
 

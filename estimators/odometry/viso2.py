@@ -11,7 +11,6 @@ import numpy as np
 
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.covariance import Contributions, halves, summed, with_differences
-from estimators.odometry.exposure import match_over_time
 from estimators.odometry.frame_to_frame import ENOUGH_MATCHES, FrameMemory, FrameToFrame, Seen
 from estimators.odometry.image_points import moved
 from estimators.odometry.plausibility import is_implausible
@@ -75,9 +74,6 @@ class Viso2Odometry(FrameToFrame[PairFeatures]):
     ) -> Motion:
         """Unfiltered motion near one of the predictions, if possible one that is plausible."""
         (reference, before), (frame, features) = previous, current
-        exposed, limited = match_over_time(reference, frame)
-        if exposed is not reference:
-            before, features = pair_features(exposed), pair_features(limited)
         span, last = frame.tick - reference.tick, memory.belief.newest
         guesses = [(np.eye(4), _FAR)]
         if last is not None:
