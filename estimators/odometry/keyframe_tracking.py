@@ -27,7 +27,7 @@ from vehicle.frames import FloatArray, inverse
 _PER_BUCKET = 4  # corners; bare ground fills at most half of the buckets
 _CLOSURE = 0.6  # largest distance between start and end of the track from left to right and back [px]
 _LEAST_STEREO_CORRELATION = 0.8  # least normalised correlation of left and right patch
-_MOVED = 2.5  # largest distance of the warped match from the Lucas-Kanade result [px]
+_MOVED = 2.5  # largest distance of the warped match from the tracked point [px]
 _SAME_STEREO_ROW = 1.0  # largest difference of the rows in left and right [px]
 FINEST = 0.03  # least error of a patch in a later frame: sampling and interpolation, on rendered frames [px]
 _FINEST_STEREO = 0.06  # the same in the right image: a patch is not exactly a plane; measured likewise [px]

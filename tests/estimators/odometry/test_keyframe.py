@@ -140,7 +140,7 @@ def test_lost_keyframes_fall_back_to_frame_to_frame(drive: Drive) -> None:
 
 
 def test_sudden_shake_is_found_again(drive: Drive) -> None:
-    """The prediction misses by some 40 px, five times the reach of the patches: Lucas-Kanade leads them there."""
+    """The prediction misses by some 40 px, five times the reach of the patches: coarse images lead them there."""
     odometry = KeyframeOdometry(drive.calibration)
     memory, _ = drive.run(odometry, drive.frames[20:25])
     assert memory.last is not None
