@@ -34,6 +34,8 @@ static inline float limited(float x, float most) { return fminf(fmaxf(x, -most),
 
 static inline long inside(long x, long size) { return x < 0 ? 0 : x < size ? x : size - 1; }
 
+static inline int bounded(int x, int most) { return x < 0 ? 0 : x < most ? x : most; }
+
 /* grey levels around a centre, at offsets A times those of the patch; outside the image those near its edge */
 static void warp(const uint8_t *image, int width, int height, const float *centre, const float *A, float *grey) {
   /* four pixels are read at once, of which two count */
@@ -42,7 +44,7 @@ static void warp(const uint8_t *image, int width, int height, const float *centr
     const float x = k % WIDE - (HALF + 1), y = k / WIDE - (HALF + 1);
     const float u = fminf(fmaxf(centre[0] + A[0] * x + A[1] * y, 0.0f), most_u);
     const float v = fminf(fmaxf(centre[1] + A[2] * x + A[3] * y, 0.0f), most_v);
-    const int column = (int)u, line = (int)v, place = line * width + column;
+    const int column = bounded((int)u, width - 4), line = bounded((int)v, height - 2), place = line * width + column;
     const float share_u = u - column, share_v = v - line;
     const uint32_t above = *(const word *)(image + place), below = *(const word *)(image + width + place);
     const float top = (float)(int)(above & 255), top_right = (float)(int)(above >> 8 & 255);
@@ -56,7 +58,7 @@ static void warp(const uint8_t *image, int width, int height, const float *centr
 static inline void sample(const uint8_t *image, long width, long height, float u, float v, int reach, int rows,
                           float level, row *grey) {
   const float low_u = floorf(u), low_v = floorf(v);
-  const long column = (long)low_u - reach, line = (long)low_v - reach;
+  const long column = (long)(int)low_u - reach, line = (long)(int)low_v - reach;  /* in range, whatever u and v are */
   const int whole = column >= 0 && line >= 0 && column + LANES < width && line + rows < height;
   row above;
   for (int i = 0; i <= rows; i++) {

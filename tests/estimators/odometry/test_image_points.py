@@ -180,3 +180,7 @@ def test_points_that_leave_the_image_or_lie_on_plain_ground_are_not_found() -> N
     assert found.tolist() == [True, False, False]
     assert there[0] == pytest.approx([20.0, 60.0], abs=0.02)
     assert len(track(image, target, places[:0], places[:0], LEVELS)[0]) == 0
+    for bad in (np.nan, np.inf, -1e30):  # as of points near the epipole of a displaced camera
+        wrong = np.where([[True], [False], [False]], np.float32(bad), places)
+        assert not track(image, target, places, wrong, LEVELS)[1][0]
+        assert track(image, target, wrong, places, LEVELS)[0].shape == places.shape

@@ -1,5 +1,6 @@
 """Warped patches found to sub-pixels."""
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -8,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from estimators.odometry.warped_matching import PatchMatches, match_patches
+from estimators.odometry.warped_matching import WARPED, Patch, PatchMatches, match_patches
 from estimators.stereo_pair import Points
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray
@@ -107,6 +108,27 @@ def test_plain_patches_are_finite_and_unlike() -> None:
     found = matched(plain, plain, points, STRAIGHT, points)
     assert np.isfinite(found.points).all()
     assert found.correlation[0] < 0.5
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e30])
+@pytest.mark.parametrize("which", ["centre", "warp", "guess"])
+@pytest.mark.parametrize("patch", [WARPED, replace(WARPED, half=5)])
+def test_numbers_out_of_range_find_nothing_and_disturb_no_other_patch(
+    scene: GreyImage, bad: float, which: str, patch: Patch
+) -> None:
+    """As of points near the epipole of a displaced camera, which have no image; such a patch may lie anywhere."""
+    points = centres()[:20]
+    arguments: dict[str, Any] = {
+        "centre": points.copy(),
+        "warp": np.tile(STRAIGHT, (20, 1, 1)),
+        "guess": points + np.float32(0.5),
+    }
+    arguments[which][3] = bad
+    with np.errstate(all="ignore"):
+        found = match_patches([(scene, 20)], arguments["centre"], arguments["warp"], scene, arguments["guess"], patch)
+    others = np.arange(20) != 3
+    assert np.abs(found.points - points)[others].max() < 0.05
+    assert not found.correlation[3] > 0.9
 
 
 def test_nothing_to_find() -> None:
