@@ -7,7 +7,10 @@
    The candidates are sorted by cells: those of cell k of a kind's rows x columns are order[start[k]] to before
    order[start[k + 1]]. window: reach to the left, to the right, and up and down. */
 
-static inline long cell(float x, long count) { return (long)fminf(fmaxf(x / CELL, 0.0f), count - 1.0f); }
+static inline long cell(float x, long count) {
+  const long k = (int)fminf(fmaxf(x / CELL, 0.0f), count - 1.0f);
+  return k < 0 ? 0 : k;  /* of a number that is none */
+}
 
 void most_similar(long n, const float *queries, const int64_t *kinds, const uint8_t *descriptors,
                   const float *candidates, const uint8_t *theirs, long rows, long columns, const int64_t *start,
