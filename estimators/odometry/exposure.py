@@ -43,7 +43,6 @@ def match_clipping(
 ) -> tuple[GreyImage, StereoFrame] | None:
     """Left image of another moment and frame, both clipped where one of them is; None if they are so already.
 
-    Normalised patches may differ in mean and gain, but not in what is clipped: an edge of a clipped area is elsewhere.
     ``tracks`` (n, 4) of points in the image and in the frame's left one [px] tell how the exposures differ.
     """
     change = _tracked_change(image, frame.left, tracks)

@@ -206,17 +206,12 @@ def track(
 
     Found are points with texture that end inside the image; whether it is the same texture, tracking back tells.
     """
-    images = [(source, target)]
-    while len(images) <= levels and min(images[-1][1].shape) > 4 * _TRACKED.half + 2:  # smaller ones hold no patch
-        images.append((half_size(images[-1][0]), half_size(images[-1][1])))
-    for level, (of_source, of_target) in reversed(list(enumerate(images))):
-        size = np.float32(0.5**level)
-        here, near = (size * (places + np.float32(0.5)) - np.float32(0.5) for places in (points, guess))
-        matched = match_patches([(of_source, len(points))], here, None, of_target, near, _TRACKED)
-        guess = (matched.points + np.float32(0.5)) / size - np.float32(0.5)
+    if levels > 0 and min(target.shape) > 4 * _TRACKED.half + 2:  # smaller ones hold no patch at half size
+        guess, _ = track_halved(source, target, points, guess, levels)
+    matched = match_patches([(source, len(points))], points, None, target, guess, _TRACKED)
     high = np.array([target.shape[1] - 1, target.shape[0] - 1])
-    found = (guess >= 0.0) & (guess <= high) & (matched.variance < _VAGUE)
-    return guess, np.logical_and.reduce(found, axis=1)
+    found = (matched.points >= 0.0) & (matched.points <= high) & (matched.variance < _VAGUE)
+    return matched.points, np.logical_and.reduce(found, axis=1)
 
 
 def track_halved(

@@ -1,4 +1,4 @@
-"""Points of an image: planes around them from disparities, the warps these make, and corners."""
+"""Points of an image: planes around them from disparities, the warps these make, corners, and tracking."""
 
 import cv2
 import numpy as np

@@ -68,21 +68,21 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
         true.append(exact_env.step(action)[0])
     estimating.close()
     at = {feature.name: k for k, feature in enumerate(estimating.core.features)}  # type: ignore[attr-defined]
-    told, exact = np.array(seen), np.array(true)
-    assert told[:, :, at["usable"]].all()
-    assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
-    then = np.maximum(np.arange(steps + 1) - np.rint(told[:, 0, at["age"]] / 0.02).astype(int), 0)
+    observed, exact = np.array(seen), np.array(true)
+    assert observed[:, :, at["usable"]].all()
+    assert observed[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
+    then = np.maximum(np.arange(steps + 1) - np.rint(observed[:, 0, at["age"]] / 0.02).astype(int), 0)
     assert np.abs(exact[-1, :, 0]).min() > 0.1  # it does something
     for name in ("off_tracking", "path_0.5_ahead"):
-        assert told[:, :, at[name]] == pytest.approx(exact[then][:, :, at[name]], abs=0.03)
-    wrong_speed = np.abs(told[:, :, at["hitch_v_x"]] - exact[then][:, :, at["hitch_v_x"]])  # [m/s]
+        assert observed[:, :, at[name]] == pytest.approx(exact[then][:, :, at[name]], abs=0.03)
+    wrong_speed = np.abs(observed[:, :, at["hitch_v_x"]] - exact[then][:, :, at["hitch_v_x"]])  # [m/s]
     assert np.quantile(wrong_speed, 0.95) < 0.1  # a pair is 5 of 102 moments
     assert wrong_speed.max() < 0.15
     assert float(np.sqrt(np.mean(wrong_speed**2))) < 0.05
     one = gymnasium.make(TRAILER, disable_env_checker=True, **given)
     alone = [one.reset(seed=102)[0], *(one.step(action[1])[0] for _ in range(10))]
     one.close()
-    assert np.array(alone) == pytest.approx(told[:11, 1], abs=2e-3)
+    assert np.array(alone) == pytest.approx(observed[:11, 1], abs=2e-3)
 
 
 @pytest.mark.slow
@@ -181,14 +181,14 @@ def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
     env = gymnasium.make(ROVER, observation="estimate", disable_env_checker=True, render_mode="rgb_array")
     given = {"soil": "toyoura_sand", "cross_fall": 0.09, "grade": 0.0, "curvature": 0.0, "speed": 0.2}
     seen, _ = env.reset(seed=102, options=given)
-    told, true = [seen[4]], [0.0]
+    observed, true = [seen[4]], [0.0]
     for _ in range(50):
         seen, *_, info = env.step(np.full(2, 0.5, dtype=np.float32))
-        told.append(seen[4])
+        observed.append(seen[4])
         true.append(info["slip_angle"])
-    assert not np.any(told[:20])
+    assert not np.any(observed[:20])
     assert np.degrees(np.abs(true[-1])) > 3.0
-    assert np.degrees(told[-5:]) == pytest.approx(np.degrees(true[-5:]), abs=2.0)
+    assert np.degrees(observed[-5:]) == pytest.approx(np.degrees(true[-5:]), abs=2.0)
     picture = env.render()
     assert isinstance(picture, np.ndarray)
     assert picture.shape == (600, 1400, 3)
